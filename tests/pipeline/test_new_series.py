@@ -72,6 +72,55 @@ def test_what_no_file_says_stands_as_missing_and_check_names_only_that(folder, v
     assert ('table = "runs.csv"' in text and 'cell = "paint.csv"' in text) == (verb == "psp")
 
 
+def calibrated(folder, *words):
+    """Pictures that are no frames, in a folder of their own."""
+    (folder / "calibration").mkdir()
+    for word in words:
+        for camera in (1, 2):
+            for k in range(3):
+                picture = np.full((48, 64), 20 + k, np.uint8)
+                io.write_image(folder / "calibration" / f"{word}-cam{camera}-{k}.tif", picture)
+
+
+def test_pictures_of_a_calibration_are_no_frames(folder):
+    calibrated(folder, "dark", "warm", "cold")
+    read = read_deform_project(init(folder, "deform"))
+    assert [c.images for c in read.camera] == ["images/cam1-*.tif", "images/cam2-*.tif"]
+    text = (folder / "deform.toml").read_text()
+    assert "# no frames, by their names: calibration/cold-cam1-*.tif, calibration/dark-cam1-*.tif" in text
+    text = init(folder, "infrared").read_text()
+    assert 'even = ["calibration/cold-cam1-*.tif", "calibration/warm-cam1-*.tif"]' in text
+    assert "# no frames, by their names: calibration/dark-cam1-*.tif\n" in text
+
+
+def test_where_every_name_says_calibration_they_are_frames(folder):
+    for k in range(8, 12):
+        for camera in (1, 2):
+            old = folder / "images" / f"cam{camera}-{k:03d}.tif"
+            old.rename(old.with_name(f"white-model-{old.name}"))
+    read = read_deform_project(init(folder, "deform"))
+    assert [c.images for c in read.camera] == ["images/white-model-cam1-*.tif", "images/white-model-cam2-*.tif"]
+
+
+def test_a_paint_test_gets_its_dark_pictures_and_its_sensors(folder):
+    calibrated(folder, "dark", "flat")
+    taps = "name,x,y,z,role\nT1,0,0,0,tap\nT2,1,0,0,tap\n"
+    (folder / "taps.csv").write_text(taps)
+    (folder / "wells.csv").write_text("name,x,y,z,role\nW1,0,0,0,virtual\n")
+    (folder / "pressures.csv").write_text("point,name,pressure_Pa\np1,T2,5e4\np1,T1,5e4\n")
+    (folder / "kelvins.csv").write_text("point,name,temperature_K\np1,W1,300\n")
+    text = init(folder, "psp").read_text()
+    assert '[taps]\nfile = "taps.csv"\npressures = "pressures.csv"' in text
+    assert 'thermocouples = "wells.csv"\nreadings = "kelvins.csv"' in text
+    assert '[radiometry]\ndark = "calibration/dark-{camera}-*.tif"\nflat = "calibration/flat-{camera}-*.tif"' in text
+    (folder / "psp.toml").unlink()
+    (folder / "more.csv").write_text(taps)  # which of the two is meant is nobody's to guess
+    (folder / "calibration" / "dark-cam2-0.tif").rename(folder / "calibration" / "cam2-dark.tif")
+    text = init(folder, "psp").read_text()
+    assert "# [taps]" in text
+    assert '# dark = "dark-{camera}-*.tif"' in text
+
+
 def test_commands_of_verbs_without_a_project(folder):
     content = look_into(folder)
     line, missing = command(content, choose(content, {}), "calibrate")

@@ -238,6 +238,14 @@ def test_a_section_that_is_missing_is_doubted():
     assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "lost", f"left out: {said}")
 
 
+def test_a_level_without_light_that_nothing_says_is_doubted():
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    verdict = psp_verdict([point], blackless=["cam1", "cam2"])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "weak")
+    assert "of cam1 and cam2 is taken as 0, and no sigma has it" in verdict.reason
+    assert "radiometry.black" in verdict.next_step
+
+
 def test_a_flicker_that_nothing_says_is_doubted_unless_taps_take_it_out():
     point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01)
     verdict = psp_verdict([point, replace(point, name="p2")])

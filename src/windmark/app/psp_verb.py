@@ -47,7 +47,8 @@ def psp(
         markers = test.deforming.test.markers
         unit = test.project.length_unit
         sections = [s.name for s in test.project.section]
-        verdict = psp_verdict(records, units_findings(markers, test.mesh, unit), unit, sections)
+        blackless = [name for name, sensor in test.sensors.items() if not sensor.black_given]
+        verdict = psp_verdict(records, units_findings(markers, test.mesh, unit), unit, sections, blackless)
         page = psp_page(test, records, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(test.project, out.sources()))

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from windmark.pipeline.folder import FolderContent, FoundPicture
+from windmark.pipeline.folder import FolderContent
+from windmark.pipeline.new_pictures import common_of_cameras, frames_and_others, places_of, series, series_of
 from windmark.pipeline.new_project import (
     Choice,
     Rel,
@@ -50,7 +51,7 @@ def series_text(content: FolderContent, choice: Choice, kind: str, title: str, p
               ""] if choice.grid else ["# [grid]", '# file = "model.grid"', ""]  # fmt: skip
     lines += ["[look]", "# radius_px = 4   # without it each picture's own estimate is taken, and said", ""]
     lines += _volumes(content, choice)
-    lines += {"deform": _deform, "psp": _psp, "infrared": _infrared}[kind](content, rel)
+    lines += _psp(content, choice, rel) if kind == "psp" else _deform() if kind == "deform" else _infrared()
     for path in content.points if kind != "psp" else []:
         lines += ["# Values at these points, too.", "# [[points]]", f"# file = {quoted(rel(path))}", ""]
     return "\n".join([*lines, "[output]", f"folder = {quoted('deformation' if kind == 'deform' else kind)}", ""])
@@ -75,8 +76,8 @@ def command(content: FolderContent, choice: Choice, verb: str) -> tuple[str, lis
     """The command line of a verb of `COMMANDS`, with <...> for what is missing, and that in words."""
     missing, words = [], ["windmark", verb]
     files = [p.path for p in content.pictures if not p.is_recording]
-    for group in dict.fromkeys(_series(p) for p in files):
-        some = [p for p in files if _series(p) == group]
+    for group in dict.fromkeys(series(p) for p in files):
+        some = [p for p in files if series(p) == group]
         pattern = common_pattern(some)
         words += [_unquoted(pattern)] if pattern else [shlex.quote(str(p)) for p in some]
     if not files:
@@ -101,11 +102,6 @@ def command(content: FolderContent, choice: Choice, verb: str) -> tuple[str, lis
         missing.append("the length unit (--unit in, ft, mm, cm or m)")
         words += ["--unit", "<unit>"]
     return " ".join(words), missing
-
-
-def _series(path: Path) -> tuple[Path, str]:
-    """Pictures of one folder whose names differ in what begins with a number."""
-    return path.parent, re.split(r"\d", path.name)[0]
 
 
 def csv_with(folder: Path, columns: set[str]) -> Path | None:
@@ -133,7 +129,13 @@ def _cameras(content: FolderContent, choice: Choice, kind: str, rel: Rel) -> lis
         lines += ["[[camera]]", f"name = {quoted(name)}", f"file = {quoted(rel(camera))}"]
         if kind != "psp":
             mine = [p for p in content.pictures if choice.cameras[p.path] == camera]
-            lines += [f"images = {_images(mine, rel)}"]
+            frames, others = frames_and_others(mine, content.folder)
+            lines += [f"images = {_list(series_of(frames, rel))}"]
+            even = [p for p in others if re.search("even|cold|warm", p.path.stem, re.IGNORECASE)]
+            if kind == "infrared" and even:
+                others = [p for p in others if p not in even]
+                lines += [f"even = {_list(series_of(even, rel))}"]
+            lines += [f"# no frames, by their names: {', '.join(series_of(others, rel))}"] if others else []
         if kind == "infrared":
             lines += ['# quantity = "temperature"   # MISSING: counts, temperature or radiance, see the guide',
                       '# unit = "K"', "# band_um = [8, 12]"]  # fmt: skip
@@ -141,16 +143,8 @@ def _cameras(content: FolderContent, choice: Choice, kind: str, rel: Rel) -> lis
     return lines if used else [*lines, "# [[camera]]", '# file = "camera.json"   # MISSING', ""]
 
 
-def _images(pictures: list[FoundPicture], rel: Rel) -> str:
-    """Patterns, one for each folder, or the files themselves."""
-    out: list[str] = []
-    for folder in dict.fromkeys(p.path.parent for p in pictures):
-        some = [p.path for p in pictures if p.path.parent == folder]
-        pattern = common_pattern(some) if len(some) > 1 else None
-        place = rel(folder)
-        names = [Path(pattern).name] if pattern else [p.name for p in some]
-        out += [name if place == "." else f"{place}/{name}" for name in names]
-    return quoted(out[0]) if len(out) == 1 else f"[{', '.join(map(quoted, out))}]"
+def _list(names: list[str]) -> str:
+    return quoted(names[0]) if len(names) == 1 else f"[{', '.join(map(quoted, names))}]"
 
 
 def _volumes(content: FolderContent, choice: Choice) -> list[str]:
@@ -165,7 +159,7 @@ def _volumes(content: FolderContent, choice: Choice) -> list[str]:
     return lines if names else [*lines, "# [[volume]]", '# name = "wing"', _LAW, ""]
 
 
-def _deform(content: FolderContent, rel: Rel) -> list[str]:
+def _deform() -> list[str]:
     return [
         "# Bending and twist along a part: take the # away and say where.", "# [stations]", '# volume = "wing"',
         "# start = [0, 0, 0]", "# end = [0, 1000, 0]", "# chord = [150, 0, 0]", "",
@@ -174,18 +168,31 @@ def _deform(content: FolderContent, rel: Rel) -> list[str]:
     ]  # fmt: skip
 
 
-def _psp(content: FolderContent, rel: Rel) -> list[str]:
-    return [
+def _psp(content: FolderContent, choice: Choice, rel: Rel) -> list[str]:
+    pressures = csv_with(content.folder, {"point", "name", "pressure"})
+    temperatures = csv_with(content.folder, {"point", "name", "temperature"})
+    taps = None if pressures is None else places_of(content, pressures)
+    wells = None if temperatures is None else places_of(content, temperatures)
+    lines = [
         *_found("paint", "cell", "paint-cell.csv", csv_with(content.folder, {"ratio"}), rel),
         "# The wall's temperature; thermocouples, maps of an infrared camera or a temperature paint say it better.",
-        "[temperature]", "recovery = 0.896", "",
-        "# [taps]", *(f"# file = {quoted(rel(p))}" for p in content.points[:1]),
-        '# pressures = "tap-pressures.csv"', "",
-        "# [radiometry]", '# dark = "dark-{camera}-*.tif"', '# flat = "flat-{camera}-*.tif"', "",
+        "[temperature]", "recovery = 0.896",
     ]  # fmt: skip
+    if temperatures is not None and wells is not None:
+        lines += [f"thermocouples = {quoted(rel(wells))}", f"readings = {quoted(rel(temperatures))}"]
+    if pressures is not None and taps is not None:
+        lines += ["", "[taps]", f"file = {quoted(rel(taps))}", f"pressures = {quoted(rel(pressures))}", ""]
+    else:
+        lines += ["", "# [taps]", '# file = "taps.csv"', '# pressures = "tap-pressures.csv"', ""]
+    found = {word: common_of_cameras(content, choice, word, rel) for word in ("dark", "flat")}
+    lines += ["# Pictures without light, and of even light: without them the level without light is taken as 0.",
+              "[radiometry]" if any(found.values()) else "# [radiometry]"]  # fmt: skip
+    for word, pattern in found.items():
+        lines += [f"{word} = {quoted(pattern)}" if pattern else f'# {word} = "{word}-{{camera}}-*.tif"']
+    return [*lines, ""]
 
 
-def _infrared(content: FolderContent, rel: Rel) -> list[str]:
+def _infrared() -> list[str]:
     return [
         "# MISSING: the surface as the cameras see it; the numbers are examples.", "[surface]",
         *(f"# {name} = {example}" for name, example in _SURFACE.items()), "",

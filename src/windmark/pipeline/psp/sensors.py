@@ -36,11 +36,13 @@ class CameraSensor:
     model : how pictures are corrected
     gain_from : what said the gain
     remarks : what is to be said
+    black_given : whether anything says the level without light
     """
 
     model: SensorModel
     gain_from: str
     remarks: tuple[str, ...] = ()
+    black_given: bool = True
 
 
 def pictures_named(project: PspProject, pattern: str, camera: str) -> list[io.PictureFile]:
@@ -79,7 +81,7 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
             raise io.FileError(project.path, f"camera {name}: {error}", "radiometry.flat") from None
         bad = bad if dead is None else bad | dead
         sensor = replace(sensor, flat=flat, flat_variance=flat_variance, dead=bad)
-    return CameraSensor(sensor, source, tuple(remarks))
+    return CameraSensor(sensor, source, tuple(remarks), how.dark is not None or how.black is not None)
 
 
 def named_file(project: PspProject, key: str, camera: str) -> Path:

@@ -119,9 +119,15 @@ def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = (), uni
 
 
 def psp_verdict(
-    records: Sequence[PointRecord], units: Sequence[Finding] = (), unit: str = "", sections: Sequence[str] = ()
+    records: Sequence[PointRecord],
+    units: Sequence[Finding] = (),
+    unit: str = "",
+    sections: Sequence[str] = (),
+    blackless: Sequence[str] = (),
 ) -> Verdict:
     """Judge a paint test; ``unit`` is that of lengths, ``sections`` the names of those that were asked for.
+
+    ``blackless``: cameras of which nothing says the level without light.
 
     ``units`` of `units_findings` explain why no point came out, or are doubts.
     """
@@ -136,6 +142,16 @@ def psp_verdict(
         )
     found = [*units, *_lost([(r.name, r.reason) for r in records if r.status != "reduced"], len(records), "points")]
     found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
+    if blackless:
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "weak",
+                f"the level without light of {' and '.join(blackless)} is taken as 0, and no sigma has it: neither "
+                "dark pictures nor radiometry.black are given",
+                "take dark pictures, or say radiometry.black (0 where the camera takes it off itself)",
+            )
+        )
     for r in good:
         lacks = [name for name in sections if name not in {s.name for s in r.sections}]
         if lacks:
