@@ -267,6 +267,15 @@ def test_a_table_in_another_unit_explains_why_no_point_came_out(tunnel):
     assert psp_verdict([lost]).cause == "moved"
 
 
+def test_residuals_are_doubted_where_most_of_them_is_no_noise():
+    doubts = (("noise", "residuals are 1.2 times as large as stated (sigma0)"),)
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    words = {}
+    for sigma0 in (1.2, 1.5):
+        words[sigma0] = psp_verdict([replace(point, followed=(Followed("wind-on", {}, doubts, sigma0),))]).word
+    assert words == {1.2: GOOD, 1.5: DOUBTFUL}
+
+
 def test_a_camera_out_of_focus_is_named_in_a_series():
     """Sharp in one camera, blurred in the other: where more than a tenth of its pictures are."""
     sharp, soft = Sight(20, 20, "", 0.0, 0.7, 3.0), Sight(20, 20, "", 0.0, 2.5, 3.0)

@@ -23,10 +23,14 @@ def followed_findings(instants: Sequence[Followed], unit: str) -> list[Finding]:
 
 
 def _doubts(instants: Sequence[Followed]) -> list[Finding]:
-    """What speaks against the states, by its cause, where it does so in more than some of them."""
+    """What speaks against the states, by its cause, where it does so in more than some of them.
+
+    Larger residuals count from where most of them is no noise: one spot of a hundred that is 5 sigma off is certain to
+    be no accident, and the covariances, which have it, hardly change by it.
+    """
     kinds: dict[str, list[tuple[str, str]]] = {}
     for at in instants:
-        first = dict(reversed(at.doubts))
+        first = {c: words for c, words in reversed(at.doubts) if c != "noise" or at.sigma0 > rules.SIGMA0}
         for cause, words in first.items():
             kinds.setdefault(cause, []).append((at.key, words))
     return [

@@ -87,7 +87,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
 
 def _followed(record: DeformFrame) -> Followed:
     doubts = tuple(zip(record.causes, record.warnings, strict=True))
-    return Followed(f"frame {record.key}", record.cameras, doubts)
+    return Followed(f"frame {record.key}", record.cameras, doubts, record.sigma0)
 
 
 def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = (), unit: str = "") -> Verdict:
