@@ -9,7 +9,7 @@ import pytest
 
 from windmark.app import pictures, run_report
 from windmark.app.provenance import told
-from windmark.app.report import Report, cell
+from windmark.app.report import Report, cell, earned_decimals
 from windmark.app.svg import ticks
 
 
@@ -90,3 +90,10 @@ def test_axes_have_two_ticks_at_least(about):
         marks = ticks(low, high, about)
         assert len(marks) >= 2
         assert low <= marks[0] < marks[-1] <= high
+
+
+def test_numbers_have_the_digits_that_their_sigma_earns():
+    assert earned_decimals([0.0027, 0.0021, 0.0005]) == 5
+    assert earned_decimals([0.053, 0.12]) == 3
+    assert earned_decimals([340.0]) == 0
+    assert earned_decimals([float("nan"), 0.0]) == 4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io as byte_io
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -208,6 +209,12 @@ def _of_words(column: Sequence[Any]) -> bool:
     """Whether most of what a column says are words."""
     said = [v for v in column if v is not None and v == v and v not in ("", "-", "–", "−")]
     return 2 * sum(isinstance(v, str) and not _FIGURE.fullmatch(v) for v in said) > len(said)
+
+
+def earned_decimals(sigmas: Iterable[float]) -> int:
+    """Decimals that numbers with these sigmas have earned: two digits of the least; 4 where none is known."""
+    known = [s for s in sigmas if 0 < s < math.inf]
+    return min(max(1 - math.floor(math.log10(min(known))), 0), 9) if known else 4
 
 
 def cell(value: Any) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from windmark.app import figures, merge_report
 from windmark.app.photo import Overlay, Room, preview, scale_bar, tiles
 from windmark.app.pictures import png
-from windmark.app.report import Report
+from windmark.app.report import Report, earned_decimals
 from windmark.app.svg import LINE_COLOURS, Chart
 from windmark.pipeline.outputs import pose_difference
 from windmark.pipeline.results import ImageResult, RunResult, SectionValues, ViewImage
@@ -92,7 +92,7 @@ def photo(
     at = answer.matching.detection
     matched[at] = True
     for name, k, (dx, dy) in zip(names, at.tolist(), residual.tolist(), strict=True):
-        notes[k] = f"{name}: {notes[k]}; residual {dx:+.2f}, {dy:+.2f} px".replace("-", "−")
+        notes[k] = f"{name}: {notes[k]}; residual {dx:+.3f}, {dy:+.3f} px".replace("-", "−")
     over.spots(spots, matched, notes, (f"matched spot ({len(at)})", f"spot of no marker ({int((~matched).sum())})"))
     missing = np.setdiff1d(item.expected if item.expected is not None else [], answer.matching.marker).astype(int)
     missing_xy = answer.camera.project(answer.cam_from_model.apply(markers.xyz[missing]))[0]
@@ -136,7 +136,7 @@ def _registration(
     with report.part(f"{item.name}: pixels of the spots"):
         worst = np.argsort(-size, kind="stable")[: room.tiles]
         report.raw(tiles(shown, xy[worst], projected[worst], [names[k] for k in worst],
-                         [f"{size[k]:.2f} px" for k in worst]))  # fmt: skip
+                         [f"{size[k]:.2g} px" for k in worst]))  # fmt: skip
         report.text("The spots with the largest residuals, pixel by pixel: green cross the spot's centre, yellow cross "
                     "where the marker is expected.", "soft")  # fmt: skip
 
@@ -209,12 +209,9 @@ def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: s
     report.table(
         ["point of view", "x", "y", "z"],
         [
-            ("angles, deg", *(f"{v:.4f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg))),
-            ("their sigma, deg", *(float(v) for v in (sigma.rx_deg, sigma.ry_deg, sigma.rz_deg))),
-            (f"distances, {unit}", *(f"{v:.4f}" for v in (pov.dx, pov.dy, pov.dz))),
-            (f"their sigma, {unit}", *(float(v) for v in (sigma.dx, sigma.dy, sigma.dz))),
-            (f"camera station in the model's frame, {unit}", *(f"{v:.4f}" for v in pose.center)),
-            (f"its sigma, {unit}", *(float(v) for v in station)),
+            *_rows("angles, deg", (pov.rx_deg, pov.ry_deg, pov.rz_deg), (sigma.rx_deg, sigma.ry_deg, sigma.rz_deg)),
+            *_rows(f"distances, {unit}", (pov.dx, pov.dy, pov.dz), (sigma.dx, sigma.dy, sigma.dz)),
+            *_rows(f"camera station in the model's frame, {unit}", pose.center.tolist(), station.tolist()),
         ],
     )
     report.text(
@@ -234,6 +231,12 @@ def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: s
             f"The camera's file holds a pose too ({used}): it differs by {off['angle_deg']:.3f} deg, its station by"
             f" {off['station_distance']:.4g} {unit}."
         )
+
+
+def _rows(what: str, values: Sequence[float], sigmas: Sequence[float]) -> list[tuple[str, ...]]:
+    """Three numbers and their sigmas: of the least sigma two digits, of the numbers as many."""
+    decimals = earned_decimals(sigmas)
+    return [(head, *(f"{v:.{decimals}f}" for v in row)) for head, row in ((what, values), ("1 sigma", sigmas))]
 
 
 def _mapping(report: Report, item: ImageResult) -> None:

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.app.report import earned_decimals
 from windmark.app.scene3d import STATION_COLOURS, Cut, Field, Markers, Scene3D, Shifts, Station, looking_over
 from windmark.app.scene_document import larger
 from windmark.pipeline.node_sigma import node_sigma
@@ -115,7 +116,7 @@ def marker_notes(markers: MarkerSet, unit: str) -> tuple[tuple[str, ...], ...]:
         what = ", ".join(str(v) for v in (markers.volume[k], markers.role[k]) if str(v))
         sigma = markers.sigma[k]
         known = np.isfinite(sigma).all() and (sigma > 0).all()
-        decimals = int(np.clip(1 - np.floor(np.log10(sigma.min())), 0, 9)) if known else 4
+        decimals = earned_decimals(sigma) if known else 4
         place = ", ".join(f"{v:.{decimals}f}" for v in markers.xyz[k])
         lines = [what, f"x, y, z: {place} {unit}"]
         if known:
