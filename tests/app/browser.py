@@ -135,10 +135,19 @@ class Page:
 
     def until(self, condition, seconds=60):
         end = time.monotonic() + seconds
-        while not self.js(condition):
+        while not self._holds(condition):
             if time.monotonic() > end:
                 raise TimeoutError(f"never came true: {condition}; the page said {self.wrong()}")
             self.browser.listen(0.1)
+
+    def _holds(self, condition):
+        """Whether it does; not yet in a page that is just making place for the next one."""
+        try:
+            return self.js(condition)
+        except RuntimeError as error:
+            if "navigated or closed" not in str(error):
+                raise
+            return False
 
     def js(self, words):
         """The value of an expression in the page; promises are waited for."""
