@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from windmark import io
 from windmark.app import init_verb, verify_verb
+from windmark.app.cli import app
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.io import FileError
@@ -23,6 +25,7 @@ from windmark.pipeline.repeat import Difference, inputs_now, results_again
 from windmark.pipeline.toml_lines import line_of, toml_lines
 from windmark.scene import MarkerSet
 
+COMMAND = typer.main.get_command(app)
 SOUND = """\
 title = "small"
 length_unit = "mm"
@@ -300,7 +303,7 @@ def test_the_command_line_of_a_manifest(tmp_path):
                                    "no_occlusion": False, "max_time": 3.0},
     }  # fmt: skip
     out = tmp_path / "results"
-    words = verify_verb.arguments(manifest, out, tmp_path / "again")
+    words = verify_verb.arguments(COMMAND, manifest, out, tmp_path / "again")
     assert words[0] == "run"
     assert words[-1] == str(tmp_path / "project.toml")
     assert words.count("--roles") == 2
@@ -308,14 +311,14 @@ def test_the_command_line_of_a_manifest(tmp_path):
     assert "--no-occlusion" not in words
     assert words[words.index("--output") + 1] == str((tmp_path / "again").resolve())
     with pytest.raises(UsageError, match="does not have"):
-        verify_verb.arguments({"verb": "nothing"}, out, tmp_path / "again")
+        verify_verb.arguments(COMMAND, {"verb": "nothing"}, out, tmp_path / "again")
     with pytest.raises(UsageError, match="lacks"):
-        verify_verb.arguments({"verb": "run", "options": {"nope": 1}}, out, tmp_path / "again")
+        verify_verb.arguments(COMMAND, {"verb": "run", "options": {"nope": 1}}, out, tmp_path / "again")
 
 
 def test_verify_of_what_is_no_result(tmp_path):
     with pytest.raises(UsageError, match="manifest"):
-        verify_verb.verify(tmp_path, None, False)
+        verify_verb.verify(COMMAND, tmp_path, None, False)
 
 
 def test_lists_of_places_are_read(folder):

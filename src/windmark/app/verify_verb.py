@@ -25,8 +25,8 @@ TARGETS = ("output", "folder")
 SHOWN = 12
 
 
-def verify(folder: Path, keep: Path | None, as_json: bool) -> None:
-    """Run again, compare, say what differs; exit code 1 where numbers do."""
+def verify(windmark: Any, folder: Path, keep: Path | None, as_json: bool) -> None:
+    """Run again, compare, say what differs; exit code 1 where numbers do. ``windmark`` is the command of all verbs."""
     manifest = read_manifest(folder)
     if manifest is None:
         raise UsageError(f"{folder}: has no {MANIFEST} that can be read; expected the folder of a result of windmark")
@@ -48,7 +48,7 @@ def verify(folder: Path, keep: Path | None, as_json: bool) -> None:
         target = keep or Path(place) / folder.resolve().name
         with console.progress() as show:
             show(f"windmark {manifest.get('verb')} again")
-            refusal = _again(folder, manifest, target)
+            refusal = _again(arguments(windmark, manifest, folder, target))
         if refusal is None:
             results_again(folder, target, found)
     if refusal is not None and not manifest.get("refused"):
@@ -62,9 +62,9 @@ def verify(folder: Path, keep: Path | None, as_json: bool) -> None:
         raise console.exit_with(console.DATA_SAY_NO)
 
 
-def _again(folder: Path, manifest: Record, target: Path) -> str | None:
-    """The same verb with the same options into another folder; why it refused, if it did."""
-    command = [sys.executable, "-m", "windmark.app.cli", *arguments(manifest, folder, target), "--json"]
+def _again(words: list[str]) -> str | None:
+    """A command of windmark in a process of its own; why it refused, if it did."""
+    command = [sys.executable, "-m", "windmark.app.cli", *words, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False)
     if done.returncode == console.DONE:
         return None
@@ -77,20 +77,15 @@ def _again(folder: Path, manifest: Record, target: Path) -> str | None:
     return said or done.stderr.strip()[-400:] or f"exit code {done.returncode}"
 
 
-def arguments(manifest: Record, folder: Path, target: Path) -> list[str]:
-    """The words of the command line that make a result again.
+def arguments(windmark: Any, manifest: Record, folder: Path, target: Path) -> list[str]:
+    """The words of the command line that make a result again, with the same options in another folder.
 
     Raises
     ------
     UsageError
         When the manifest is of no verb of this version, or its result is no folder.
     """
-    import typer
-
-    from windmark.app.cli import app
-
-    verb = str(manifest.get("verb"))
-    command: Any = typer.main.get_command(app)
+    verb, command = str(manifest.get("verb")), windmark
     for word in verb.split():
         command = getattr(command, "commands", {}).get(word)
         if command is None:

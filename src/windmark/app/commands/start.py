@@ -65,6 +65,7 @@ def check(
 
 
 def verify(
+    context: typer.Context,
     result: Annotated[Path, typer.Argument(help="Folder of a result (it has a manifest.json).")],
     keep: Annotated[Path | None, typer.Option(help="Keep what the second run gives in this new folder.")] = None,
     as_json: Json = False,
@@ -73,7 +74,7 @@ def verify(
     with console.errors(as_json):
         from windmark.app import verify_verb
 
-        verify_verb.verify(result, keep, as_json)
+        verify_verb.verify(context.find_root().command, result, keep, as_json)
 
 
 def doctor(as_json: Json = False) -> None:
