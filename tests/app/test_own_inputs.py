@@ -62,6 +62,22 @@ def test_a_result_is_not_replaced_by_one_that_is_made_of_it(windmark, tmp_path):
     assert {path: path.read_bytes() for path in test.rglob("*") if path.is_file()} == before
 
 
+def test_a_result_of_another_verb_is_kept(windmark, tmp_path):
+    """The pictures of a synthetic test stand in its manifest as results: another job in their place took them away."""
+    first, test = tmp_path / "first", tmp_path / "test"
+    assert windmark("simulate", first, "--seed", 3).code == 0
+    assert windmark("simulate", test, "--board", 3).code == 0
+    before = {p.relative_to(test): p.read_bytes() for p in test.rglob("*") if p.is_file()}
+    job = ("-c", first / "camera.json", "-m", first / "markers.csv", "-r", 4, "--unit", "mm", "-o", test)
+    done = windmark("register", first / "wind-off.tif", *job)
+    assert done.code == 0
+    assert "made by windmark simulate; kept in" in done.err
+    kept = tmp_path / "test.kept-1"
+    assert {p.relative_to(kept): p.read_bytes() for p in kept.rglob("*") if p.is_file()} == before
+    assert windmark("register", first / "wind-off.tif", *job).code == 0  # the same verb again replaces its own
+    assert not (tmp_path / "test.kept-2").exists()
+
+
 def test_a_result_that_turns_out_to_be_read_is_kept(tmp_path):
     """What is read only in the course of the work is not known when the folder is taken."""
     target, place = tmp_path / "a", tmp_path / "a.kept-1"

@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import typer
@@ -264,6 +265,27 @@ def test_a_result_is_the_same_within_a_tenth_of_its_sigma(tmp_path):
     found = Difference()
     results_again(old, written(tmp_path, "rms", rms=0.51), found)
     assert "rms_px" in found.numbers["summary.json"][0]
+
+
+def test_how_long_something_took_is_no_number_of_a_result(tmp_path):
+    old, again = written(tmp_path, "old"), written(tmp_path, "again")
+    for place, took in ((old, 0.06), (again, 0.09)):
+        (place / "poses.csv").write_text(f"image,x,seconds,latency_ms\na,1,{took},{took}\n")
+        (place / "summary.json").write_text(json.dumps({"rms_px": 0.5, "median_frame_ms": took}))
+        with h5py.File(place / "all.nc", "w") as stream:
+            stream["seconds"], stream["x"], stream["x_sigma"] = [took], [1.0 + took / 1000], [0.01]
+    found = Difference()
+    for place in (old, again):
+        files = {p.name: file_hash(p) for p in place.iterdir() if p.name != "manifest.json"}
+        (place / "manifest.json").write_text(json.dumps({"outputs": files}))
+    results_again(old, again, found)
+    assert found.repeated
+    assert "all.nc" in found.same
+    with h5py.File(again / "all.nc", "a") as stream:
+        stream["x"][...] = [1.01]
+    found = Difference()
+    results_again(old, again, found)
+    assert found.numbers["all.nc"] == ["x[0]: 1.00006, now 1.01 (1 numbers differ)"]
 
 
 def test_what_lies_beside_a_result_is_none_of_its_files(tmp_path):

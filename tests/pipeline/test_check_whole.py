@@ -143,6 +143,28 @@ def test_names_in_another_table(folder):
         read_deform_project(folder / "d.toml")
 
 
+def test_a_wind_off_frame_that_is_not_there(folder):
+    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    (problem,) = problems(folder, DEFORM + '[sequence]\nzero = ["9"]\n').values()
+    assert (problem.key, problem.line) == ("sequence.zero", 16)
+    assert "frame 9 has no image" in problem.words
+
+
+def test_stations_that_end_at_the_root(folder):
+    """The tip would stand still, with a sigma of 0."""
+    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    markers = MarkerSet.make([f"m{k}" for k in range(6)], [[k % 2, 0.5 * k, 0] for k in range(6)], volume="wing")
+    io.write_markers(folder / "markers.csv", markers, length_unit="mm")
+    wing = '[[volume]]\nname = "wing"\nlaw = "beam"\noptions = { root = [0, 0, 0], tip = [0, 3, 0] }\n'
+    stations = '[stations]\nvolume = "wing"\nstart = [0, 0, 0]\nend = [0, 3, 0]\n'
+    assert not problems(folder, DEFORM + wing + stations)
+    exchanged = '[stations]\nvolume = "wing"\nstart = [0, 3, 0]\nend = [0, 0, 0]\n'
+    found = problems(folder, DEFORM + wing + exchanged)
+    assert "not the last one, which is reported as the tip" in found["stations.end"].words
+    law = problems(folder, DEFORM + wing.replace('"beam"', '"beem"'))["volume[0].law"].words
+    assert "did you mean beam?" in law
+
+
 def test_results_do_not_go_among_the_inputs(folder):
     found = problems(folder, RUN + '[output]\nfolder = "."\n')
     assert "is the folder of the project itself" in found["output.folder"].words

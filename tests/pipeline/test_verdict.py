@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 from windmark import io, synth
 from windmark.errors import WindmarkError
 from windmark.pipeline.deform.followed import Followed
+from windmark.pipeline.deform.record import FrameRecord as DeformFrame
 from windmark.pipeline.infrared.record import FrameRecord
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
@@ -22,11 +23,13 @@ from windmark.pipeline.verdict import (
     GOOD,
     Finding,
     Verdict,
+    black_findings,
     deform_verdict,
     error_verdict,
     infrared_verdict,
     psp_verdict,
     reconstruct_verdict,
+    reference_findings,
     run_verdict,
     track_verdict,
     units_findings,
@@ -35,7 +38,7 @@ from windmark.pipeline.verdict.picture import picture_findings, picture_state, s
 from windmark.pipeline.verdict.registered import MOVED, REFUSALS, one_digit, refused
 from windmark.registration import NotRegistered
 from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
-from windmark.scene import Detections
+from windmark.scene import Detections, Mesh
 from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.deform.task import Sight
 from windmark.tasks.psp.taps import TapTable
@@ -240,10 +243,32 @@ def test_a_section_that_is_missing_is_doubted():
 
 def test_a_level_without_light_that_nothing_says_is_doubted():
     point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0)
-    verdict = psp_verdict([point], blackless=["cam1", "cam2"])
+    verdict = psp_verdict([point], further=black_findings(["cam1", "cam2"]))
     assert (verdict.word, verdict.cause) == (DOUBTFUL, "weak")
     assert "of cam1 and cam2 is taken as 0, and no sigma has it" in verdict.reason
     assert "radiometry.black" in verdict.next_step
+
+
+def test_taps_that_disagree_by_more_than_the_sigmas_explain_are_doubted():
+    """Readings of another point, or names shifted by a row: the scatter goes into every sigma, and all was good."""
+    fit = {"scatter_Pa": 0.0, "noise_Pa": 300.0, "rms_Pa": 250.0, "leave_one_out_rms_Pa": 260.0, "slope_free": 1.0}
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0, fit=fit)
+    assert psp_verdict([point]).word == GOOD
+    off = psp_verdict([replace(point, fit=fit | {"scatter_Pa": 3700.0, "rms_Pa": 3500.0})])
+    assert (off.word, off.cause) == (DOUBTFUL, "taps")
+    assert "differ by 3.7e+03 Pa beyond their sigmas, which explain 300 Pa" in off.reason
+    assert "no tap checks their level" in psp_verdict([replace(point, fit={})]).reason
+
+
+def test_a_reference_area_in_another_unit_is_doubted():
+    mesh = Mesh.make(np.array([[0.0, 0, 0], [400, 0, 0], [400, 600, 0], [0, 600, 40]]),
+                     np.array([[0, 1, 2], [0, 2, 3]]))  # fmt: skip
+    assert reference_findings(mesh, 95884.8, 181.6, "mm") == []
+    assert reference_findings(mesh, 1.0, 1.0, "mm") == []  # loads over the dynamic pressure
+    metres = reference_findings(mesh, 0.0958848, 0.1816, "mm")
+    assert [f.reason.split(" is ")[0] for f in metres] == ["loads.area", "loads.chord"]
+    assert all(f.cause == "units" for f in metres)
+    assert [f.next_step for f in reference_findings(mesh, 148.6, 181.6, "mm")] == ["give loads.area in mm²"]
 
 
 def test_a_flicker_that_nothing_says_is_doubted_unless_taps_take_it_out():
@@ -265,6 +290,20 @@ def test_a_table_in_another_unit_explains_why_no_point_came_out(tunnel):
     verdict = psp_verdict([lost], units_findings(small, tunnel.mesh, "mm"))
     assert (verdict.word, verdict.cause) == (BAD, "units")
     assert psp_verdict([lost]).cause == "moved"
+
+
+def test_wind_off_frames_that_differ_are_doubted():
+    six, none = np.zeros(6), np.zeros(0)
+    rows = [
+        DeformFrame(k, str(k), 0.1 * k, 0.1 * k, "tracked", "", 0.1, 80, 0, 0.01, 1.0, np.array([q]), np.array([0.01]),
+                    six, six, none, none)
+        for k, q in enumerate((0, 0.005, 4, 9))
+    ]  # fmt: skip
+    assert deform_verdict(rows, zero=["0", "1"], parameters=["wing.bend_2"]).word == GOOD
+    assert deform_verdict(rows, zero=["3"]).word == GOOD  # a single one has nothing to differ from
+    verdict = deform_verdict(rows, zero=["2", "3"], parameters=["wing.bend_2"])
+    assert verdict.word == DOUBTFUL
+    assert "wind-off frames 2 and 3 differ in wing.bend_2 by 56 %" in verdict.reason
 
 
 def test_residuals_are_doubted_where_most_of_them_is_no_noise():

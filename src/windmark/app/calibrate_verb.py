@@ -285,7 +285,7 @@ def _beside_line(one: Beside, unit: str) -> str:
 
 def _halves_line(halves: SplitHalf | NotCalibrated, unit: str) -> str:
     if isinstance(halves, NotCalibrated):
-        return f"no check by halves: {halves.reason}"
+        return f"no check by halves, for half of the pictures is too few: {halves.reason}"
     found = halves.comparison
     by = "in the cameras' parameters " if found is None else f"by {found.rms:.2g} {unit}, "
     return f"two halves of the pictures differ {by}{halves.ratio:.2f} times what the covariances say"

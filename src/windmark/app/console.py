@@ -180,7 +180,11 @@ def about(folder: Path) -> dict[str, Any]:
         return {}
     none = ("as_json", "resume")
     given = {k: v for k, v in context.params.items() if k not in none and v not in (None, folder)}
-    verb = " ".join(context.command_path.split()[1:]) or context.info_name
+    words, at = [], context
+    while at.parent is not None:  # the path of the command itself has what windmark was started by
+        words.append(str(at.info_name))
+        at = at.parent
+    verb = " ".join(reversed(words)) or context.info_name
     return {"verb": verb, "options": {key: _plain(value, folder) for key, value in given.items()}}
 
 

@@ -32,6 +32,7 @@ from windmark.pipeline.deform import (
     read_deform_project,
     run_sequence,
 )
+from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.record import MISFIT
 from windmark.pipeline.deform.series import NOT_TRIED, STATUS
 from windmark.pipeline.resume import begun_with
@@ -128,7 +129,9 @@ def live_line(row: FrameRecord) -> str:
 def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: float) -> Record:
     """Report, film and summary beside the tables."""
     record, folder = summary(loaded, sequence), out.place
-    verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True), loaded.project.length_unit)
+    zero = [key_of(key) for key in loaded.project.sequence.zero]
+    verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True),
+                             loaded.project.length_unit, zero, loaded.test.volumes.names)  # fmt: skip
     page = deform_page(loaded, sequence, record, folder)
     put_verdict(page, verdict)
     page.provenance(Provenance.of_project(loaded.project, out.sources()))

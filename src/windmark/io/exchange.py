@@ -46,8 +46,7 @@ def exchange(staging: Staging, record: Mapping[str, Any], say: Say) -> None:
     Parameters
     ----------
     staging : has the new files
-    record : their manifest: ``outputs``; ``refused`` where the new run says no: a good result is kept; and so is one
-        that is among the new one's ``inputs``
+    record : their manifest: ``outputs``; where an older result is kept: `_why_kept`
     say : takes what was kept
 
     Raises
@@ -55,7 +54,7 @@ def exchange(staging: Staging, record: Mapping[str, Any], say: Say) -> None:
     FileError
         When a file cannot be moved.
     """
-    target, outputs, refused = staging.target, set(record.get("outputs", ())), bool(record.get("refused"))
+    target, outputs = staging.target, set(record.get("outputs", ()))
     old = read_manifest(target)
     ours, changed = (set(), set()) if old is None else unchanged(target, old)
     ours |= {MANIFEST} if old is not None else set()
@@ -63,21 +62,30 @@ def exchange(staging: Staging, record: Mapping[str, Any], say: Say) -> None:
         changed |= newer(target, target / MANIFEST)
     above = {str(folder) for name in outputs for folder in PurePosixPath(name).parents if (target / folder).is_file()}
     taken = {name for name in (outputs | above) - ours - changed if os.path.lexists(target / name)}
-    read = any(entry["file"] in ours for entry in record.get("inputs", ()))
-    keep = changed | taken | (ours if read or (refused and old is not None and not old.get("refused")) else set())
+    why = "" if old is None else _why_kept(old, record, ours)
+    keep = changed | taken | (ours if why else set())
     foreign = target.is_dir() and any(name not in ours for name in files_below(target))
     if (not target.exists() or not (foreign or keep)) and _swapped(staging):
         return
     kept = _kept_folder(staging) if keep else None
     _moved(staging, {"away": sorted(ours - keep), "keep": sorted(keep), "kept": None if kept is None else str(kept)})
     if kept is not None:
-        why = "not written by windmark, or changed since"
-        if refused or read:
-            why = "of an earlier run that this one reads" if read else "of an earlier run that was not refused"
+        why = why or "not written by windmark, or changed since"
         first = ", ".join(sorted(keep)[:3]) + (f" and {len(keep) - 3} more" if len(keep) > 3 else "")
         say(f"{target}: {first}: {why}; kept in {kept}")
     if old is None and foreign and "summary.json" in taken:
         say(f"{target}: holds an older result without a manifest; what the new one does not replace stays beside it")
+
+
+def _why_kept(old: Mapping[str, Any], new: Mapping[str, Any], ours: set[str]) -> str:
+    """Why an older result does not go for a new one, in words; "" where it does: the same again, as a rule."""
+    if any(entry["file"] in ours for entry in new.get("inputs", ())):
+        return "of an earlier run that this one reads"
+    if old.get("verb") and new.get("verb") and old["verb"] != new["verb"]:
+        return f"made by windmark {old['verb']}"  # the pictures of `simulate` are somebody's test
+    if new.get("refused") and not old.get("refused"):
+        return "of an earlier run that was not refused"
+    return ""
 
 
 def add(staging: Staging) -> None:

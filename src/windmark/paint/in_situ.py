@@ -44,6 +44,7 @@ class InSitu:
     rms, loo_rms : of the residuals of the taps that count, and of each against the fit of the others
     scatter : standard deviation by which taps and paint differ beyond what their sigmas explain, larger by Student's
         factor where it comes from few taps; in ``cov``, and in every node's independent noise
+    noise : root mean square of what the sigmas of taps and paint explain of their differences
     warnings : what is to be said of it, in words
     """
 
@@ -61,6 +62,7 @@ class InSitu:
     scatter: float
     x_range: tuple[float, float]
     unit: str = ""
+    noise: float = np.nan
     warnings: tuple[str, ...] = ()
     _response: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     _tap_modes: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
@@ -215,5 +217,5 @@ def _result(names: Sequence[str], fit: TapFit, x: NodeField, have: Mask, centre:
     return InSitu(
         fit.coefficients, fit.cov, centre, scale, order, free, fit.used, fit.residuals, blocked,
         float(np.sqrt(np.mean(fit.residuals[fit.used] ** 2))), float(np.sqrt(np.mean(loo**2))), fit.scatter,
-        (float(seen.min()), float(seen.max())), unit, tuple(words), fit.response, modes, names_,
+        (float(seen.min()), float(seen.max())), unit, fit.noise, tuple(words), fit.response, modes, names_,
     )  # fmt: skip

@@ -30,7 +30,7 @@ _ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class TapFit:
-    """Of M taps: see `InSitu`; ``response`` (P, U), ``slope`` (U,) and ``weights`` are of the U taps that count."""
+    """Of M taps: see `InSitu`; ``response`` (P, U), ``slope`` (U,) and ``total`` are of the U taps that count."""
 
     coefficients: Array
     cov: Array
@@ -42,6 +42,7 @@ class TapFit:
     slope: Array
     design: Array
     total: Array
+    noise: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,7 @@ def fit_taps(p: Array, sigma: Array, x: NodeField, have: Mask, centre: float, sc
     used[of] = True
     reasons = {int(k): f"{residuals[k]:+.4g} off, by {tests[k]:.3g} sigma" for k in candidates.tolist() if not used[k]}
     return TapFit(coefficients, cov, used, residuals, reasons, scatter, response, taps.slope(coefficients)[of],
-                  design, total)  # fmt: skip
+                  design, total, float(np.sqrt(np.mean(np.diag(taps.covariance(of, coefficients, 0.0))))))  # fmt: skip
 
 
 def _start(taps: _Taps, of: NDArray[np.int64]) -> Array:

@@ -5,10 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from windmark.io.manifest import _versions, file_hash, read_manifest, unchanged
 
@@ -20,6 +25,8 @@ SKIPPED = ("report.html", "manifest.json", "summary.json")
 """Files with times and dates; the numbers of a summary are compared by themselves."""
 NOT_NUMBERS = ("seconds", "options", "folder", "notes", "windmark", "title", "not_drawn", "verdict")
 """Keys of a summary with times, paths and words."""
+TIMES = re.compile(r"(^|_)(seconds|ms|latency)(_|$)|seconds$")
+"""Names of columns and keys that say how long something took."""
 SHOWN = 10
 
 
@@ -83,6 +90,8 @@ def results_again(old: Path, new: Path, out: Difference) -> None:
             said = []
         elif a.suffix == ".csv":
             said = list(_table_differences(a, b))
+        elif a.suffix == ".nc":
+            said = list(_array_differences(a, b))
         elif a.suffix == ".json":
             said = list(_json_differences(json.loads(a.read_text("utf-8")), json.loads(b.read_text("utf-8"))))
         else:
@@ -111,6 +120,8 @@ def _table_differences(a: Path, b: Path) -> Iterator[str]:
         return
     at = {name: n for n, name in enumerate(head)}
     for n, name in enumerate(head):
+        if TIMES.search(name):
+            continue
         sigma = at.get(f"sigma_{name}", at.get(f"{name}_sigma"))
         worst = 0.0, ""
         for k, (old, new) in enumerate(zip(first, second, strict=True)):
@@ -124,11 +135,43 @@ def _table_differences(a: Path, b: Path) -> Iterator[str]:
             yield worst[1]
 
 
+def _array_differences(a: Path, b: Path) -> Iterator[str]:
+    """Arrays of two NetCDF files that differ by more than a part of their sigma."""
+    with h5py.File(a) as old, h5py.File(b) as new:
+        first, second = ({name: of for name, of in f.items() if isinstance(of, h5py.Dataset)} for f in (old, new))
+        if first.keys() != second.keys():
+            yield f"arrays {', '.join(first)}, now {', '.join(second)}"
+            return
+        for name in (n for n in first if not TIMES.search(n)):
+            x, y = first[name][()], second[name][()]
+            if np.shape(x) != np.shape(y):
+                yield f"{name}: {np.shape(x)} numbers, now {np.shape(y)}"
+            elif np.asarray(x).dtype.kind not in "iufb":
+                if not np.array_equal(x, y):
+                    yield f"{name}: other words"
+            else:
+                sigma = next((first[s][()] for s in (f"{name}_sigma", f"sigma_{name}") if s in first), None)
+                yield from _farthest(name, np.asarray(x, float), np.asarray(y, float), sigma)
+
+
+def _farthest(name: str, x: NDArray[np.float64], y: NDArray[np.float64], sigma: Any) -> Iterator[str]:
+    """The number of an array that differs most, where it does so by more than is allowed."""
+    allowed = np.maximum(SAME * np.maximum(np.abs(x), np.abs(y)), 1e-12)
+    if sigma is not None and np.shape(sigma) == x.shape:
+        allowed = np.fmax(allowed, PART * np.nan_to_num(np.asarray(sigma, float)))
+    with np.errstate(invalid="ignore"):
+        far = np.where((x == y) | (np.isnan(x) & np.isnan(y)), 0.0, np.abs(x - y) / allowed)
+    far = np.where(np.isnan(far), np.inf, far)
+    if far.size and far.max() > 1:
+        at = np.unravel_index(int(far.argmax()), far.shape)
+        yield f"{name}{[int(k) for k in at]}: {x[at]:.8g}, now {y[at]:.8g} ({int((far > 1).sum())} numbers differ)"
+
+
 def _json_differences(a: Any, b: Any, key: str = "", sigma: float | None = None) -> Iterator[str]:
     """Numbers of two records that differ; words count, too."""
     if isinstance(a, dict) and isinstance(b, dict):
         for name in dict.fromkeys((*a, *b)):
-            if name in NOT_NUMBERS or name.endswith("seconds"):
+            if name in NOT_NUMBERS or TIMES.search(name):
                 continue
             here = f"{key}.{name}" if key else name
             if (name in a) != (name in b):

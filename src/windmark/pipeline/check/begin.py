@@ -12,9 +12,10 @@ from typing import Protocol
 
 from windmark import resection
 from windmark.io.errors import FileError
-from windmark.pipeline.deform.frames import read_frame_table
+from windmark.pipeline.deform.frames import instants_of, read_frame_table
 from windmark.pipeline.deform.load import load
 from windmark.pipeline.deform.project import read_deform_project
+from windmark.pipeline.deform.run import wind_off_frames
 from windmark.pipeline.infrared import load_infrared, read_infrared_project
 from windmark.pipeline.job import begin
 from windmark.pipeline.project import read_project
@@ -55,6 +56,7 @@ def _deform(path: Path) -> Iterator[FileError]:
     project = read_deform_project(path)
     load(project)
     read_frame_table(project)
+    wind_off_frames(project, instants_of(project))
     yield from ()
 
 
@@ -65,7 +67,8 @@ def _psp(path: Path) -> Iterator[FileError]:
 
 
 def _infrared(path: Path) -> Iterator[FileError]:
-    load_infrared(read_infrared_project(path))
+    run = load_infrared(read_infrared_project(path))
+    wind_off_frames(run.deforming.project, run.timeline)
     yield from ()
 
 

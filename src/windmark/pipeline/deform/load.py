@@ -16,6 +16,7 @@ from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.io.errors import reading
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
+from windmark.pipeline.faults import nearest
 from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.walls import wall_volumes, walls_note, without
@@ -77,6 +78,7 @@ def load(project: DeformProject) -> Loaded:
             )
         except WindmarkError as error:
             raise io.FileError(project.path, str(error), "stations") from None
+        _check_tip(project, volumes, stations)
     look = project.look
     radius = (look.radius_px,) if isinstance(look.radius_px, float) else look.radius_px
     options = LookOptions(
@@ -88,6 +90,17 @@ def load(project: DeformProject) -> Loaded:
         sight(markers, mesh) if mesh is not None and look.occlusion else None, None, options,
     )  # fmt: skip
     return Loaded(project, test, mesh, stations, tuple(remarks))
+
+
+def _check_tip(project: DeformProject, volumes: Volumes, stations: Stations) -> None:
+    """The last station is reported as the tip: no law that moves the others may leave it where it is."""
+    middle = 0.5 * (stations.fore + stations.aft)
+    by_q = volumes.bind(middle, stations.volume).linearise(volumes.start)[1]
+    reach = np.linalg.norm(by_q, axis=1).max(axis=1, initial=0.0)
+    if reach.max() > 0 and not reach[-1] > 1e-9 * reach.max():
+        words = (f"the law of {stations.volume} moves other stations but not the last one, which is reported as the "
+                 "tip: start and end are exchanged, or end lies beside the part")  # fmt: skip
+        raise io.FileError(project.path, words, "stations.end")
 
 
 def _grid(
@@ -164,7 +177,8 @@ def _law(project: DeformProject, entry: VolumeEntry, points: Array) -> Law:
         return make_law(entry.law, entry.options, unit=project.length_unit, points=points, table=table)
     name, _, which = entry.law.partition(".py")
     if not _:
-        raise LawError(f"{entry.law!r} is neither a built-in law ({', '.join(CATALOG)}) nor a file, file.py:name")
+        near = nearest(entry.law, CATALOG)
+        raise LawError(f"{entry.law!r} is neither a built-in law ({', '.join(CATALOG)}) nor a file, file.py:name{near}")
     file = _beside(project, Path(f"{name}.py"))
     with reading(file):
         laws = laws_of_source(file.read_text(encoding="utf-8"), str(file))

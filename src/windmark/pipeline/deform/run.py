@@ -25,6 +25,7 @@ from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.outputs import Writer
 from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
+from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, record
 from windmark.pipeline.deform.resume import Kept, files_told, made_with, named, pictures_of
 from windmark.pipeline.deform.timeline import Timeline
@@ -290,10 +291,7 @@ def zeroed(
     wanted = [key_of(k) for k in project.sequence.zero]
     if not wanted:
         return loaded, None, None, []
-    known = {f.key: f for f in timeline.frames}
-    missing = [k for k in wanted if k not in known]
-    if missing:
-        raise io.FileError(project.path, f"frame {missing[0]} has no image; expected a wind-off frame", "sequence.zero")
+    known = wind_off_frames(project, timeline)
     good, why = [], ""
     for key in wanted:  # each for itself: wind-off frames may be far apart
         frame = next(follow_deformation([known[key]], loaded.test))
@@ -310,6 +308,15 @@ def zeroed(
     good = [(identified_again(frame, test), images) for frame, images in good]
     zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations)
     return replace(loaded, test=test), zero, corrected.shift, good
+
+
+def wind_off_frames(project: DeformProject, timeline: Timeline) -> dict[str, FrameImages]:
+    """The frames by their keys; `FileError` where one that is to be wind-off has no image."""
+    known = {f.key: f for f in timeline.frames}
+    missing = [k for k in map(key_of, project.sequence.zero) if k not in known]
+    if missing:
+        raise io.FileError(project.path, f"frame {missing[0]} has no image; expected a wind-off frame", "sequence.zero")
+    return known
 
 
 def _check_units(loaded: Loaded) -> None:

@@ -135,6 +135,7 @@ def _fit(fit: InSitu | None) -> dict[str, float]:
         "taps": int(fit.used.sum()), "slope": slope, "slope_free": float(fit.free == "both"),
         "offset_Pa": float(fit.coefficients[0] - fit.center),
         "rms_Pa": fit.rms, "leave_one_out_rms_Pa": fit.loo_rms, "scatter_Pa": fit.scatter,
+        "noise_Pa": fit.noise,
     }  # fmt: skip
 
 

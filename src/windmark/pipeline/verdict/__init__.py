@@ -3,8 +3,14 @@
 from windmark.pipeline.verdict.errors import error_verdict
 from windmark.pipeline.verdict.network import calibrate_verdict, reconstruct_verdict
 from windmark.pipeline.verdict.registered import Sighting, registered_findings
-from windmark.pipeline.verdict.run import run_verdict, units_findings
-from windmark.pipeline.verdict.series import deform_verdict, infrared_verdict, psp_verdict, track_verdict
+from windmark.pipeline.verdict.run import reference_findings, run_verdict, units_findings
+from windmark.pipeline.verdict.series import (
+    black_findings,
+    deform_verdict,
+    infrared_verdict,
+    psp_verdict,
+    track_verdict,
+)
 from windmark.pipeline.verdict.verdict import BAD, CAUSES, DOUBTFUL, GOOD, WORDS, Finding, Verdict, Word
 
 __all__ = [
@@ -17,12 +23,14 @@ __all__ = [
     "Sighting",
     "Verdict",
     "Word",
+    "black_findings",
     "calibrate_verdict",
     "deform_verdict",
     "error_verdict",
     "infrared_verdict",
     "psp_verdict",
     "reconstruct_verdict",
+    "reference_findings",
     "registered_findings",
     "run_verdict",
     "track_verdict",

@@ -45,5 +45,11 @@ SOME = 0.1
 """Part of the frames in which something must be found before it is said of the whole."""
 COVERED = 0.5
 """Part of the surface's nodes that a reduction is of."""
+WIND_OFF, WIND_OFF_SIGMAS = 0.2, 6.0
+"""Wind-off frames that differ by so large a part of what all frames show, and by so many sigma, are not all of it."""
+REFERENCE_AREA = (0.02, 5.0)
+"""Of the two larger sides of the model's box: reference areas lie far within, and another unit changes them by 100."""
+REFERENCE_CHORD = (0.003, 3.0)
+"""Of the largest side of the model's box."""
 TEMPERATURE = 0.02
 """1 sigma of a temperature as part of it (6 K at 300 K), from which a map tells little."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
 from windmark.pipeline.verdict.registered import Sighting, registered_findings
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
@@ -114,6 +115,30 @@ def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
             f"windmark convert --unit {units[0]} --to-unit {unit} for the table, or correct its length_unit",
         )
     ]
+
+
+def reference_findings(mesh: Mesh, area: float, chord: float, unit: str) -> list[Finding]:
+    """Reference area and chord of the loads in another unit than the grid's, by the size of the model.
+
+    An area or a chord of exactly 1 is asked for by who wants loads over the dynamic pressure: it is none.
+    """
+    low, high = model_box(mesh)
+    sides = np.sort(high - low)
+    found = []
+    for what, value, own, within, power in (
+        ("area", area, float(sides[1] * sides[2]), rules.REFERENCE_AREA, "²"),
+        ("chord", chord, float(sides[2]), rules.REFERENCE_CHORD, ""),
+    ):
+        if value != 1 and not within[0] * own < value < within[1] * own:
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "units",
+                    f"loads.{what} is {value:.4g} {unit}{power}, the model's own is some {own:.2g} {unit}{power}",
+                    f"give loads.{what} in {unit}{power}",
+                )
+            )
+    return found
 
 
 def _spelt(unit: str) -> str:

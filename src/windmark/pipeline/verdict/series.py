@@ -90,8 +90,17 @@ def _followed(record: DeformFrame) -> Followed:
     return Followed(f"frame {record.key}", record.cameras, doubts, record.sigma0)
 
 
-def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = (), unit: str = "") -> Verdict:
-    """Judge a deformation test; ``weak`` is what its set-up hardly determines, in words; ``unit`` that of lengths."""
+def deform_verdict(
+    records: Sequence[DeformFrame],
+    weak: Sequence[str] = (),
+    unit: str = "",
+    zero: Sequence[str] = (),
+    parameters: Sequence[str] = (),
+) -> Verdict:
+    """Judge a deformation test; ``weak`` is what its set-up hardly determines, in words; ``unit`` that of lengths.
+
+    ``zero``: keys of the wind-off frames; ``parameters``: names of those of the laws.
+    """
     good = [r for r in records if r.status in ("cold", "tracked", MISFIT)]
     if not good:
         reason = records[0].reason if records else "no frame arrived"
@@ -100,6 +109,7 @@ def deform_verdict(records: Sequence[DeformFrame], weak: Sequence[str] = (), uni
         return _bad(cause, f"no frame gave a deformation; the first: {reason}", step)
     found = _lost([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")
     found += followed_findings([_followed(r) for r in good], unit)
+    found += _zero(good, zero, parameters)
     if weak:
         found.append(
             Finding(
@@ -123,11 +133,11 @@ def psp_verdict(
     units: Sequence[Finding] = (),
     unit: str = "",
     sections: Sequence[str] = (),
-    blackless: Sequence[str] = (),
+    further: Sequence[Finding] = (),
 ) -> Verdict:
     """Judge a paint test; ``unit`` is that of lengths, ``sections`` the names of those that were asked for.
 
-    ``blackless``: cameras of which nothing says the level without light.
+    ``further``: what is found in the project and not in a point, see `black_findings` and `reference_findings`.
 
     ``units`` of `units_findings` explain why no point came out, or are doubts.
     """
@@ -138,20 +148,11 @@ def psp_verdict(
         return _bad(
             "no match",
             f"no point could be reduced; the first: {records[0].reason if records else 'none'}",
-            "see the reason; run windmark register on one of its pictures",
+            "see the reason; where no marker was found, run windmark register on one of its pictures",
         )
     found = [*units, *_lost([(r.name, r.reason) for r in records if r.status != "reduced"], len(records), "points")]
     found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
-    if blackless:
-        found.append(
-            Finding(
-                DOUBTFUL,
-                "weak",
-                f"the level without light of {' and '.join(blackless)} is taken as 0, and no sigma has it: neither "
-                "dark pictures nor radiometry.black are given",
-                "take dark pictures, or say radiometry.black (0 where the camera takes it off itself)",
-            )
-        )
+    found += further
     for r in good:
         lacks = [name for name in sections if name not in {s.name for s in r.sections}]
         if lacks:
@@ -162,6 +163,18 @@ def psp_verdict(
         if r.taps is not None and r.taps.unfitted:
             words = f"the pressure is that of the calibration alone, not fitted to the taps: {r.taps.unfitted}"
             found.append(Finding(DOUBTFUL, "taps", words, "correct the readings' unit or the taps' table", r.name))
+        if r.fit and r.fit["scatter_Pa"] > r.fit.get("noise_Pa", np.inf):  # more than half of it is no noise
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "taps",
+                    f"taps and paint differ by {r.fit['scatter_Pa']:.3g} Pa beyond their sigmas, which explain "
+                    f"{r.fit['noise_Pa']:.3g} Pa",
+                    "check that the taps' readings are of this point and their names at their places; then lamps and "
+                    "flat pictures",
+                    r.name,
+                )
+            )
         # Taps that agree within their sigmas leave no scatter: what the fit leaves of those in it is the measure then.
         within = max(r.fit["scatter_Pa"], r.fit["rms_Pa"]) if r.fit else np.inf
         if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > 3 * within:
@@ -212,10 +225,51 @@ def psp_verdict(
         found,
         len(records),
         f"{len(good)} points reduced, Cp to {sigma:.2g} (median, 1 sigma)"
+        + ("" if any(r.fit for r in good) else "; no tap checks their level")
         + (f"; loads are of the {100 * shown:.0f} % of the area that cameras show" if shown < 1 else ""),
         "use loads and Cp with their sigmas; causes say what to improve",
         what="points",
     )
+
+
+def _zero(good: Sequence[DeformFrame], zero: Sequence[str], parameters: Sequence[str]) -> list[Finding]:
+    """Wind-off frames that differ by a part of what the wind does: one of them is not wind-off."""
+    off = [r for r in good if r.key in zero]
+    if len(off) < 2 or not len(off[0].q):
+        return []
+    q, sigma = np.array([r.q for r in off]), np.max([r.q_sigma for r in off], axis=0)
+    every = np.ptp([r.q for r in good], axis=0)
+    apart = np.ptp(q, axis=0)
+    bad = (apart > rules.WIND_OFF_SIGMAS * sigma) & (apart > rules.WIND_OFF * every)
+    if not bad.any():
+        return []
+    k = int(np.argmax(np.where(bad, apart / np.maximum(every, 1e-300), 0.0)))
+    first, last = off[int(q[:, k].argmin())].key, off[int(q[:, k].argmax())].key
+    name = parameters[k] if k < len(parameters) else f"parameter {k + 1}"
+    return [
+        Finding(
+            DOUBTFUL,
+            "table",
+            f"the wind-off frames {first} and {last} differ in {name} by {100 * apart[k] / every[k]:.0f} % of all that "
+            "is seen of it",
+            "see that sequence.zero names frames without load",
+        )
+    ]
+
+
+def black_findings(cameras: Sequence[str]) -> list[Finding]:
+    """Of cameras of which nothing says the level without light."""
+    if not cameras:
+        return []
+    return [
+        Finding(
+            DOUBTFUL,
+            "weak",
+            f"the level without light of {' and '.join(cameras)} is taken as 0, and no sigma has it: neither dark "
+            "pictures nor radiometry.black are given",
+            "take dark pictures, or say radiometry.black (0 where the camera takes it off itself)",
+        )
+    ]
 
 
 def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = (), unit: str = "") -> Verdict:
@@ -264,7 +318,8 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
     return Verdict.of(
         found,
         1,
-        f"{len(good)} frames reduced, temperatures to {sigma:.2g} K (median, 1 sigma)",
+        f"{len(good)} frames reduced, temperatures to {sigma:.2g} K (median, 1 sigma; emissivity, surroundings and "
+        "their sigmas as given)",
         "use the fields with their sigmas",
     )
 
