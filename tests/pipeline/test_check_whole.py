@@ -44,7 +44,7 @@ file = "camera.json"
 images = "a.tif"
 [[camera]]
 name = "right"
-file = "camera.json"
+file = "right.json"
 images = "a.tif"
 [markers]
 file = "markers.csv"
@@ -56,11 +56,18 @@ free = true
 @pytest.fixture
 def folder(tmp_path):
     io.write_camera(tmp_path / "camera.json", CAMERA)
+    io.write_camera(tmp_path / "right.json", CAMERA)
     xyz = np.random.default_rng(1).uniform([0, 0, 0], [4, 3, 0], (6, 3))
     io.write_markers(tmp_path / "markers.csv", MarkerSet.make([f"m{k}" for k in range(6)], xyz), length_unit="mm")
     io.write_mesh(tmp_path / "plate.vtu", PLATE)
     io.write_image(tmp_path / "a.tif", np.full((48, 64), 100, np.uint8))
     return tmp_path
+
+
+def posed(folder):
+    """The cameras stand somewhere."""
+    for k, name in enumerate(("camera", "right")):
+        io.write_camera(folder / f"{name}.json", CAMERA, Pose.from_rotvec(np.zeros(3), [10.0 * k, 0, 0]), unit="mm")
 
 
 def problems(folder, text):
@@ -71,7 +78,7 @@ def problems(folder, text):
 
 def test_both_projects_are_sound_where_the_cameras_of_a_deformation_stand_somewhere(folder):
     assert not problems(folder, RUN)
-    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    posed(folder)
     assert not problems(folder, DEFORM)
 
 
@@ -97,7 +104,7 @@ def test_a_wrong_key_does_not_hide_what_contradicts_itself(folder):
 
 def test_nothing_is_said_of_what_a_wrong_key_would_have_given(folder):
     """Without the format of the grid, which is misspelt, the values have no file; the user did not forget it."""
-    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    posed(folder)
     more = '[grid]\nfile = "plate.vtu"\n[values]\nblack = 3\n[output]\ngrid = ["vtkk"]\n'
     assert set(problems(folder, DEFORM + more)) == {"output.grid[0]"}
     assert "values" in problems(folder, DEFORM + more.replace('"vtkk"', ""))
@@ -120,13 +127,19 @@ def test_a_section_without_a_direction_and_one_that_misses(folder):
 def test_cameras_of_which_nobody_knows_where_they_stand(folder):
     found = problems(folder, DEFORM)
     assert {key: p.line for key, p in found.items()} == {"camera[0].file": 5, "camera[1].file": 9}
-    assert all("camera.json has no pose" in p.words for p in found.values())
+    assert all(".json has no pose" in p.words for p in found.values())
     known = problems(folder, RUN.replace('file = "camera.json"', 'file = "camera.json"\npose = "known"'))
     assert set(known) == {"camera[0].file"}
 
 
+def test_two_cameras_with_one_file(folder):
+    posed(folder)
+    found = problems(folder, DEFORM.replace("right.json", "camera.json"))
+    assert found["camera[1].file"].words.startswith("cameras left and right have the same file")
+
+
 def test_what_the_verb_itself_refuses_is_found_too(folder):
-    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    posed(folder)
     found = problems(folder, DEFORM + '[[volume]]\nname = "flap"\nlaw = "bend_twist"\n')
     assert set(found) == {"volume[0].law"} or set(found) == {"volume[0].name"}
     with_label = RUN.replace('camera = "left"', 'camera = "left"\nlabels = { m77 = [3, 4] }')
@@ -134,7 +147,7 @@ def test_what_the_verb_itself_refuses_is_found_too(folder):
 
 
 def test_names_in_another_table(folder):
-    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    posed(folder)
     more = '[stations]\nvolume = "wing"\nstart = [0, 0, 0]\nend = [1, 0, 0]\n[sequence]\nclock = "lift"\n'
     found = problems(folder, DEFORM + more)
     assert {"stations.volume", "sequence.clock", "sequence"} == set(found)
@@ -144,7 +157,7 @@ def test_names_in_another_table(folder):
 
 
 def test_a_wind_off_frame_that_is_not_there(folder):
-    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    posed(folder)
     (problem,) = problems(folder, DEFORM + '[sequence]\nzero = ["9"]\n').values()
     assert (problem.key, problem.line) == ("sequence.zero", 16)
     assert "frame 9 has no image" in problem.words
@@ -152,7 +165,7 @@ def test_a_wind_off_frame_that_is_not_there(folder):
 
 def test_stations_that_end_at_the_root(folder):
     """The tip would stand still, with a sigma of 0."""
-    io.write_camera(folder / "camera.json", CAMERA, Pose.identity(), unit="mm")
+    posed(folder)
     markers = MarkerSet.make([f"m{k}" for k in range(6)], [[k % 2, 0.5 * k, 0] for k in range(6)], volume="wing")
     io.write_markers(folder / "markers.csv", markers, length_unit="mm")
     wing = '[[volume]]\nname = "wing"\nlaw = "beam"\noptions = { root = [0, 0, 0], tip = [0, 3, 0] }\n'

@@ -27,6 +27,7 @@ from windmark.pipeline.verdict import (
     deform_verdict,
     error_verdict,
     infrared_verdict,
+    lamp_findings,
     psp_verdict,
     reconstruct_verdict,
     reference_findings,
@@ -269,6 +270,15 @@ def test_a_reference_area_in_another_unit_is_doubted():
     assert [f.reason.split(" is ")[0] for f in metres] == ["loads.area", "loads.chord"]
     assert all(f.cause == "units" for f in metres)
     assert [f.next_step for f in reference_findings(mesh, 148.6, 181.6, "mm")] == ["give loads.area in mm²"]
+
+
+def test_lamps_at_the_model_are_doubted(tunnel):
+    right = [(-350.0, 950.0, 1500.0), (800.0, 100.0, 1250.0)]
+    assert lamp_findings(tunnel.mesh, right, "mm") == []
+    (found,) = lamp_findings(tunnel.mesh, [right[0], (100.0, 100.0, 20.0)], "mm")
+    assert found.cause == "units"
+    assert found.reason.startswith("lamp 2 stands ")
+    assert len(lamp_findings(tunnel.mesh, np.array(right) * 1000, "mm")) == 2
 
 
 def test_a_flicker_that_nothing_says_is_doubted_unless_taps_take_it_out():

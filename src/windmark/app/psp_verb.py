@@ -17,7 +17,7 @@ from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
-from windmark.pipeline.verdict import black_findings, psp_verdict, reference_findings, units_findings
+from windmark.pipeline.verdict import black_findings, lamp_findings, psp_verdict, reference_findings, units_findings
 
 Record = dict[str, Any]
 
@@ -47,6 +47,7 @@ def psp(
         markers = test.deforming.test.markers
         unit = test.project.length_unit
         further = black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given])
+        further += lamp_findings(test.mesh, [lamp.position for lamp in test.project.lamp], unit)
         if (given := test.project.loads) is not None:
             further += reference_findings(test.mesh, given.area, given.chord, unit)
         sections = [s.name for s in test.project.section]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from pydantic import ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -50,6 +50,14 @@ class Faults:
                 self.add(f"{table} names must be unique, more than once: {name}", table, k, key, certain=True)
             elif (why := unusable_name(names[: k + 1])) is not None and unusable_name(names[:k]) is None:
                 self.add(f"{table} names become file names, and {why}", table, k, key, certain=True)
+
+    def files(self, cameras: Sequence[Any]) -> None:
+        """Files of cameras that stand somewhere: each is of one, whose place it says."""
+        for k, camera in enumerate(cameras):
+            other = next((c for c in cameras[:k] if c.file == camera.file), None)
+            if other is not None:
+                words = f"cameras {other.name} and {camera.name} have the same file; each has its own, with its place"
+                self.add(words, "camera", k, "file", certain=True)
 
     def known(self, name: str, every: Collection[str], what: str, *loc: str | int) -> None:
         """A name must be one of these; ``what`` says what they are names of."""

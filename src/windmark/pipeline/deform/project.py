@@ -217,6 +217,7 @@ class DeformProject(Strict):
         faults = Faults()
         cameras = [c.name for c in self.camera]
         faults.names("camera", cameras)
+        faults.files(self.camera)
         faults.names("volume", [v.name for v in self.volume])
         faults.names("points", [p.label for p in self.points])
         if not any(v.law for v in self.volume) and not self.motion.free:

@@ -176,6 +176,7 @@ class InfraredProject(Strict):
     def _consistent(self) -> InfraredProject:
         faults = Faults()
         faults.names("camera", [c.name for c in self.camera])
+        faults.files(self.camera)
         faults.names("volume", [v.name for v in self.volume])
         faults.names("points", [p.label for p in self.points])
         if (self.heat is None) != (not self.wall):

@@ -77,6 +77,7 @@ class PspProject(Strict):
     def _consistent(self) -> PspProject:
         faults = Faults()
         faults.names("camera", [c.name for c in self.camera])
+        faults.files(self.camera)
         faults.names("section", [s.name for s in self.section])
         faults.names("place", [p.label for p in self.place])
         faults.names("volume", [v.name for v in self.volume])

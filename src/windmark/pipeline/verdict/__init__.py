@@ -3,7 +3,7 @@
 from windmark.pipeline.verdict.errors import error_verdict
 from windmark.pipeline.verdict.network import calibrate_verdict, reconstruct_verdict
 from windmark.pipeline.verdict.registered import Sighting, registered_findings
-from windmark.pipeline.verdict.run import reference_findings, run_verdict, units_findings
+from windmark.pipeline.verdict.run import lamp_findings, reference_findings, run_verdict, units_findings
 from windmark.pipeline.verdict.series import (
     black_findings,
     deform_verdict,
@@ -28,6 +28,7 @@ __all__ = [
     "deform_verdict",
     "error_verdict",
     "infrared_verdict",
+    "lamp_findings",
     "psp_verdict",
     "reconstruct_verdict",
     "reference_findings",

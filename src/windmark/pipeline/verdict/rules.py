@@ -51,5 +51,7 @@ REFERENCE_AREA = (0.02, 5.0)
 """Of the two larger sides of the model's box: reference areas lie far within, and another unit changes them by 100."""
 REFERENCE_CHORD = (0.003, 3.0)
 """Of the largest side of the model's box."""
+LAMP = (0.25, 100.0)
+"""Distance of a lamp from the model, of the model's size: nearer it lights a part of it, farther it is the sun."""
 TEMPERATURE = 0.02
 """1 sigma of a temperature as part of it (6 K at 300 K), from which a map tells little."""

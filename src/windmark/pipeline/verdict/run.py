@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from windmark.pipeline.likely_unit import likely_unit, model_box
@@ -136,6 +138,28 @@ def reference_findings(mesh: Mesh, area: float, chord: float, unit: str) -> list
                     "units",
                     f"loads.{what} is {value:.4g} {unit}{power}, the model's own is some {own:.2g} {unit}{power}",
                     f"give loads.{what} in {unit}{power}",
+                )
+            )
+    return found
+
+
+def lamp_findings(mesh: Mesh, lamps: Sequence[Sequence[float]], unit: str) -> list[Finding]:
+    """Lamps that stand where none can: at the model, or so far away that their places are of another unit."""
+    low, high = model_box(mesh)
+    size = float(np.linalg.norm(high - low))
+    nodes = mesh.vertices[mesh.used]
+    nodes = nodes[((nodes >= low) & (nodes <= high)).all(axis=1)]
+    found = []
+    for k, lamp in enumerate(lamps):
+        near = float(np.linalg.norm(nodes - np.asarray(lamp, dtype=float), axis=1).min())
+        if not rules.LAMP[0] * size < near < rules.LAMP[1] * size:
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "units",
+                    f"lamp {k + 1} stands {near:.3g} {unit} from a model of {size:.3g} {unit}: the light that is taken "
+                    "from it is no lamp's",
+                    f"give lamp.position in {unit}, in the frame of markers and grid",
                 )
             )
     return found
