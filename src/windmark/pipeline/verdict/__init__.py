@@ -2,15 +2,10 @@
 
 from windmark.pipeline.verdict.errors import error_verdict
 from windmark.pipeline.verdict.network import calibrate_verdict, reconstruct_verdict
+from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
 from windmark.pipeline.verdict.registered import Sighting, registered_findings
-from windmark.pipeline.verdict.run import lamp_findings, reference_findings, run_verdict, units_findings
-from windmark.pipeline.verdict.series import (
-    black_findings,
-    deform_verdict,
-    infrared_verdict,
-    psp_verdict,
-    track_verdict,
-)
+from windmark.pipeline.verdict.run import run_verdict, units_findings
+from windmark.pipeline.verdict.series import deform_verdict, infrared_verdict, track_verdict
 from windmark.pipeline.verdict.verdict import BAD, CAUSES, DOUBTFUL, GOOD, WORDS, Finding, Verdict, Word
 
 __all__ = [

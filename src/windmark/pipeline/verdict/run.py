@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.results import ImageResult, RunResult
-from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
 from windmark.pipeline.verdict.registered import Sighting, registered_findings
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
@@ -117,52 +114,6 @@ def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
             f"windmark convert --unit {units[0]} --to-unit {unit} for the table, or correct its length_unit",
         )
     ]
-
-
-def reference_findings(mesh: Mesh, area: float, chord: float, unit: str) -> list[Finding]:
-    """Reference area and chord of the loads in another unit than the grid's, by the size of the model.
-
-    An area or a chord of exactly 1 is asked for by who wants loads over the dynamic pressure: it is none.
-    """
-    low, high = model_box(mesh)
-    sides = np.sort(high - low)
-    found = []
-    for what, value, own, within, power in (
-        ("area", area, float(sides[1] * sides[2]), rules.REFERENCE_AREA, "²"),
-        ("chord", chord, float(sides[2]), rules.REFERENCE_CHORD, ""),
-    ):
-        if value != 1 and not within[0] * own < value < within[1] * own:
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "units",
-                    f"loads.{what} is {value:.4g} {unit}{power}, the model's own is some {own:.2g} {unit}{power}",
-                    f"give loads.{what} in {unit}{power}",
-                )
-            )
-    return found
-
-
-def lamp_findings(mesh: Mesh, lamps: Sequence[Sequence[float]], unit: str) -> list[Finding]:
-    """Lamps that stand where none can: at the model, or so far away that their places are of another unit."""
-    low, high = model_box(mesh)
-    size = float(np.linalg.norm(high - low))
-    nodes = mesh.vertices[mesh.used]
-    nodes = nodes[((nodes >= low) & (nodes <= high)).all(axis=1)]
-    found = []
-    for k, lamp in enumerate(lamps):
-        near = float(np.linalg.norm(nodes - np.asarray(lamp, dtype=float), axis=1).min())
-        if not rules.LAMP[0] * size < near < rules.LAMP[1] * size:
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "units",
-                    f"lamp {k + 1} stands {near:.3g} {unit} from a model of {size:.3g} {unit}: the light that is taken "
-                    "from it is no lamp's",
-                    f"give lamp.position in {unit}, in the frame of markers and grid",
-                )
-            )
-    return found
 
 
 def _spelt(unit: str) -> str:

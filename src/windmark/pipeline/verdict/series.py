@@ -1,9 +1,8 @@
-"""The verdict on a series: a followed model, a deformation test, a paint test, an infrared run."""
+"""The verdict on a series: a followed model, a deformation test, an infrared run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.record import MISFIT
 from windmark.pipeline.deform.record import FrameRecord as DeformFrame
 from windmark.pipeline.infrared import FrameRecord as InfraredFrame
-from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.followed import followed_findings
@@ -25,17 +23,17 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
     good = [r for r in rows if r.cam_from_model is not None]
     if not good:
         reason = rows[0].reason if rows else "there are no images"
-        return _bad(
+        return bad_series(
             "no match", f"no image gave a pose; the first: {reason}", "run windmark register on one image first"
         )
-    found = _lost([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
-    excess, spot = (_median([getattr(r, k) for r in good]) for k in ("excess_px", "spot_px"))
+    found = lost_findings([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
+    excess, spot = (middle([getattr(r, k) for r in good]) for k in ("excess_px", "spot_px"))
     if excess > max(rules.PLACE_PX, rules.NOISE_TIMES * spot):
         found.append(
             Finding(
                 DOUBTFUL,
                 "table",
-                f"markers about {one_digit(_median([r.off_table for r in good]))} {unit} off their table "
+                f"markers about {one_digit(middle([r.off_table for r in good]))} {unit} off their table "
                 f"(median of {len(good)} images): residuals are {np.hypot(excess, spot) / spot:.0f} "
                 f"times their spots' sigma",
                 "measure the markers (windmark reconstruct), or calibrate the lens",
@@ -76,7 +74,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
                 "look at windmark detect on this image",
             )
         )
-    rms = _median([r.rms_px for r in good])
+    rms = middle([r.rms_px for r in good])
     return Verdict.of(
         found,
         1,
@@ -106,8 +104,8 @@ def deform_verdict(
         reason = records[0].reason if records else "no frame arrived"
         cause = "moved" if "not where it should be" in reason else "no match"
         step = "place the named camera anew" if cause == "moved" else "see the reason of the first frame"
-        return _bad(cause, f"no frame gave a deformation; the first: {reason}", step)
-    found = _lost([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")
+        return bad_series(cause, f"no frame gave a deformation; the first: {reason}", step)
+    found = lost_findings([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")
     found += followed_findings([_followed(r) for r in good], unit)
     found += _zero(good, zero, parameters)
     if weak:
@@ -119,116 +117,12 @@ def deform_verdict(
                 "add a camera or markers for it, or take it out of the law",
             )
         )
-    s0, rms = _median([r.sigma0 for r in good]), _median([r.rms_px for r in good])
+    s0, rms = middle([r.sigma0 for r in good]), middle([r.rms_px for r in good])
     return Verdict.of(
         found,
         1,
         f"{len(good)} frames identified, residuals of {rms:.2g} px RMS are {s0:.2g} times the spots' noise",
         "use deformation.csv with its sigmas",
-    )
-
-
-def psp_verdict(
-    records: Sequence[PointRecord],
-    units: Sequence[Finding] = (),
-    unit: str = "",
-    sections: Sequence[str] = (),
-    further: Sequence[Finding] = (),
-) -> Verdict:
-    """Judge a paint test; ``unit`` is that of lengths, ``sections`` the names of those that were asked for.
-
-    ``further``: what is found in the project and not in a point, see `black_findings` and `reference_findings`.
-
-    ``units`` of `units_findings` explain why no point came out, or are doubts.
-    """
-    good = [r for r in records if r.status == "reduced"]
-    if not good and units:
-        return Verdict.of([replace(units[0], word=BAD)], 1, "", "")
-    if not good:
-        return _bad(
-            "no match",
-            f"no point could be reduced; the first: {records[0].reason if records else 'none'}",
-            "see the reason; where no marker was found, run windmark register on one of its pictures",
-        )
-    found = [*units, *_lost([(r.name, r.reason) for r in records if r.status != "reduced"], len(records), "points")]
-    found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
-    found += further
-    for r in good:
-        lacks = [name for name in sections if name not in {s.name for s in r.sections}]
-        if lacks:
-            one = f"section {lacks[0]}"
-            words = next((said for said in r.remarks if said.startswith(f"{one}: ")), one)
-            step = "correct it in the project, or take it out"
-            found.append(Finding(DOUBTFUL, "lost", f"left out: {words}", step, r.name))
-        if r.taps is not None and r.taps.unfitted:
-            words = f"the pressure is that of the calibration alone, not fitted to the taps: {r.taps.unfitted}"
-            found.append(Finding(DOUBTFUL, "taps", words, "correct the readings' unit or the taps' table", r.name))
-        if r.fit and r.fit["scatter_Pa"] > r.fit.get("noise_Pa", np.inf):  # more than half of it is no noise
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "taps",
-                    f"taps and paint differ by {r.fit['scatter_Pa']:.3g} Pa beyond their sigmas, which explain "
-                    f"{r.fit['noise_Pa']:.3g} Pa",
-                    "check that the taps' readings are of this point and their names at their places; then lamps and "
-                    "flat pictures",
-                    r.name,
-                )
-            )
-        # Taps that agree within their sigmas leave no scatter: what the fit leaves of those in it is the measure then.
-        within = max(r.fit["scatter_Pa"], r.fit["rms_Pa"]) if r.fit else np.inf
-        if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > 3 * within:
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "taps",
-                    f"taps left out of the fit are off by {r.fit['leave_one_out_rms_Pa']:.3g} "
-                    f"Pa, those in it by {r.fit['rms_Pa']:.3g} Pa",
-                    "look for blocked taps",
-                    r.name,
-                )
-            )
-        if r.systematic > 3 * r.median_sigma_cp and np.isfinite(r.systematic):
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "taps",
-                    f"cameras differ by {r.systematic:.2g}, three times the sigma of Cp",
-                    "check dark pictures and lamps of each camera",
-                    r.name,
-                )
-            )
-        # A fit to the taps takes out what is the same part for all nodes; an offset alone leaves it in the slope.
-        if np.isnan(r.flicker) and not r.fit.get("slope_free"):
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "weak",
-                    "no sigma has the lamps' flicker: every mean is of one picture, and nothing else says it",
-                    "take several pictures of a state, or give radiometry.lamp_flicker",
-                    r.name,
-                )
-            )
-        if r.seen < rules.COVERED * r.shown.get("all", 1.0):
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "covered",
-                    f"{100 * r.seen:.0f} % of the surface has a Cp, and the cameras look at "
-                    f"{100 * r.shown.get('all', 1.0):.0f} % of it",
-                    "see which nodes are left out and why; loads are those of the seen part",
-                    r.name,
-                )
-            )
-    sigma, shown = _median([r.median_sigma_cp for r in good]), min(r.shown.get("all", 1.0) for r in good)
-    return Verdict.of(
-        found,
-        len(records),
-        f"{len(good)} points reduced, Cp to {sigma:.2g} (median, 1 sigma)"
-        + ("" if any(r.fit for r in good) else "; no tap checks their level")
-        + (f"; loads are of the {100 * shown:.0f} % of the area that cameras show" if shown < 1 else ""),
-        "use loads and Cp with their sigmas; causes say what to improve",
-        what="points",
     )
 
 
@@ -257,33 +151,18 @@ def _zero(good: Sequence[DeformFrame], zero: Sequence[str], parameters: Sequence
     ]
 
 
-def black_findings(cameras: Sequence[str]) -> list[Finding]:
-    """Of cameras of which nothing says the level without light."""
-    if not cameras:
-        return []
-    return [
-        Finding(
-            DOUBTFUL,
-            "weak",
-            f"the level without light of {' and '.join(cameras)} is taken as 0, and no sigma has it: neither dark "
-            "pictures nor radiometry.black are given",
-            "take dark pictures, or say radiometry.black (0 where the camera takes it off itself)",
-        )
-    ]
-
-
 def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = (), unit: str = "") -> Verdict:
     """Judge an infrared run; ``remarks`` are on the whole of it, ``unit`` is that of lengths."""
     good = [r for r in records if r.status == "reduced"]
     if not good:
-        return _bad(
+        return bad_series(
             "no match",
             f"no frame could be reduced; the first: {records[0].reason if records else 'none'}",
             "see the reason; run windmark register on one of its pictures",
         )
-    found = _lost([(r.key, r.reason) for r in records if r.status != "reduced"], len(records), "frames")
+    found = lost_findings([(r.key, r.reason) for r in records if r.status != "reduced"], len(records), "frames")
     found += followed_findings([r.followed for r in good], unit)
-    if (seen := _median([r.seen for r in good])) < rules.COVERED * max(r.seen for r in good):
+    if (seen := middle([r.seen for r in good])) < rules.COVERED * max(r.seen for r in good):
         found.append(
             Finding(
                 DOUBTFUL,
@@ -292,7 +171,7 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
                 "add a camera, or leave parts out of the grid",
             )
         )
-    sigma, kelvin = _median([r.median_sigma_T for r in good]), _median([r.median_T for r in good])
+    sigma, kelvin = middle([r.median_sigma_T for r in good]), middle([r.median_T for r in good])
     if sigma > rules.TEMPERATURE * kelvin:
         found.append(
             Finding(
@@ -304,12 +183,12 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
             )
         )
     flagged = [r.flagged for r in good if np.isfinite(r.flagged)]
-    if flagged and _median(flagged) > rules.SOME:
+    if flagged and middle(flagged) > rules.SOME:
         found.append(
             Finding(
                 DOUBTFUL,
                 "weak",
-                f"{100 * _median(flagged):.0f} % of the heat fluxes are flagged (late, lateral, curved)",
+                f"{100 * middle(flagged):.0f} % of the heat fluxes are flagged (late, lateral, curved)",
                 "a shorter test, or the wall's true layers",
             )
         )
@@ -324,7 +203,8 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
     )
 
 
-def _lost(lost: Sequence[tuple[str, str]], count: int, what: str) -> list[Finding]:
+def lost_findings(lost: Sequence[tuple[str, str]], count: int, what: str) -> list[Finding]:
+    """Name and reason of each of ``count`` that gave no result, where they are more than some."""
     if len(lost) <= rules.LOST * count:
         return []
     name, why = lost[0]
@@ -338,12 +218,13 @@ def _lost(lost: Sequence[tuple[str, str]], count: int, what: str) -> list[Findin
     ]
 
 
-def _bad(cause: str, reason: str, step: str) -> Verdict:
+def bad_series(cause: str, reason: str, step: str) -> Verdict:
     """No result at all; a camera that the reason finds at fault comes before ``cause``."""
     cause, step = camera_at_fault(reason) or (cause, step)
     return Verdict.of([Finding(BAD, cause, reason, step)], 1, "", "")
 
 
-def _median(values: Sequence[float]) -> float:
+def middle(values: Sequence[float]) -> float:
+    """The median of those that are known; NaN without."""
     known = [v for v in values if np.isfinite(v)]
     return float(np.median(known)) if known else float("nan")

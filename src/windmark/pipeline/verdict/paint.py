@@ -1,0 +1,179 @@
+"""The verdict on a paint test: its points, and what its project says of lamps, loads and the level without light."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from windmark.pipeline.likely_unit import model_box
+from windmark.pipeline.psp import PointRecord
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.followed import followed_findings
+from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.scene import Mesh
+
+
+def psp_verdict(
+    records: Sequence[PointRecord],
+    units: Sequence[Finding] = (),
+    unit: str = "",
+    sections: Sequence[str] = (),
+    further: Sequence[Finding] = (),
+) -> Verdict:
+    """Judge a paint test; ``unit`` is that of lengths, ``sections`` the names of those that were asked for.
+
+    ``further``: what is found in the project and not in a point, see `black_findings` and `reference_findings`.
+
+    ``units`` of `units_findings` explain why no point came out, or are doubts.
+    """
+    good = [r for r in records if r.status == "reduced"]
+    if not good and units:
+        return Verdict.of([replace(units[0], word=BAD)], 1, "", "")
+    if not good:
+        return bad_series(
+            "no match",
+            f"no point could be reduced; the first: {records[0].reason if records else 'none'}",
+            "see the reason; where no marker was found, run windmark register on one of its pictures",
+        )
+    lost = [(r.name, r.reason) for r in records if r.status != "reduced"]
+    found = [*units, *lost_findings(lost, len(records), "points")]
+    found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
+    found += further
+    for r in good:
+        found += [f.at(r.name) for f in (*_missing(r, sections), *_taps(r), *_light(r))]
+    sigma, shown = middle([r.median_sigma_cp for r in good]), min(r.shown.get("all", 1.0) for r in good)
+    return Verdict.of(
+        found,
+        len(records),
+        f"{len(good)} points reduced, Cp to {sigma:.2g} (median, 1 sigma)"
+        + ("" if any(r.fit for r in good) else "; no tap checks their level")
+        + (f"; loads are of the {100 * shown:.0f} % of the area that cameras show" if shown < 1 else ""),
+        "use loads and Cp with their sigmas; causes say what to improve",
+        what="points",
+    )
+
+
+def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
+    """What was asked for and is in no result: sections, and most of the surface that cameras look at."""
+    lacks = [name for name in sections if name not in {s.name for s in r.sections}]
+    if lacks:
+        one = f"section {lacks[0]}"
+        words = next((said for said in r.remarks if said.startswith(f"{one}: ")), one)
+        yield Finding(DOUBTFUL, "lost", f"left out: {words}", "correct it in the project, or take it out")
+    shown = r.shown.get("all", 1.0)
+    if r.seen < rules.COVERED * shown:
+        yield Finding(
+            DOUBTFUL,
+            "covered",
+            f"{100 * r.seen:.0f} % of the surface has a Cp, and the cameras look at {100 * shown:.0f} % of it",
+            "see which nodes are left out and why; loads are those of the seen part",
+        )
+
+
+def _taps(r: PointRecord) -> Iterator[Finding]:
+    """Paint against taps."""
+    if r.taps is not None and r.taps.unfitted:
+        words = f"the pressure is that of the calibration alone, not fitted to the taps: {r.taps.unfitted}"
+        yield Finding(DOUBTFUL, "taps", words, "correct the readings' unit or the taps' table")
+    if r.fit and r.fit["scatter_Pa"] > r.fit.get("noise_Pa", np.inf):  # more than half of it is no noise
+        yield Finding(
+            DOUBTFUL,
+            "taps",
+            f"taps and paint differ by {r.fit['scatter_Pa']:.3g} Pa beyond their sigmas, which explain "
+            f"{r.fit['noise_Pa']:.3g} Pa",
+            "check that the taps' readings are of this point and their names at their places; then lamps and flat "
+            "pictures",
+        )
+    # Taps that agree within their sigmas leave no scatter: what the fit leaves of those in it is the measure then.
+    within = max(r.fit["scatter_Pa"], r.fit["rms_Pa"]) if r.fit else np.inf
+    if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > 3 * within:
+        yield Finding(
+            DOUBTFUL,
+            "taps",
+            f"taps left out of the fit are off by {r.fit['leave_one_out_rms_Pa']:.3g} Pa, those in it by "
+            f"{r.fit['rms_Pa']:.3g} Pa",
+            "look for blocked taps",
+        )
+
+
+def _light(r: PointRecord) -> Iterator[Finding]:
+    """What cameras and lamps leave open."""
+    if r.systematic > 3 * r.median_sigma_cp and np.isfinite(r.systematic):
+        yield Finding(
+            DOUBTFUL,
+            "taps",
+            f"cameras differ by {r.systematic:.2g}, three times the sigma of Cp",
+            "check dark pictures and lamps of each camera",
+        )
+    # A fit to the taps takes out what is the same part for all nodes; an offset alone leaves it in the slope.
+    if np.isnan(r.flicker) and not r.fit.get("slope_free"):
+        yield Finding(
+            DOUBTFUL,
+            "weak",
+            "no sigma has the lamps' flicker: every mean is of one picture, and nothing else says it",
+            "take several pictures of a state, or give radiometry.lamp_flicker",
+        )
+
+
+def black_findings(cameras: Sequence[str]) -> list[Finding]:
+    """Of cameras of which nothing says the level without light."""
+    if not cameras:
+        return []
+    return [
+        Finding(
+            DOUBTFUL,
+            "weak",
+            f"the level without light of {' and '.join(cameras)} is taken as 0, and no sigma has it: neither dark "
+            "pictures nor radiometry.black are given",
+            "take dark pictures, or say radiometry.black (0 where the camera takes it off itself)",
+        )
+    ]
+
+
+def reference_findings(mesh: Mesh, area: float, chord: float, unit: str) -> list[Finding]:
+    """Reference area and chord of the loads in another unit than the grid's, by the size of the model.
+
+    An area or a chord of exactly 1 is asked for by who wants loads over the dynamic pressure: it is none.
+    """
+    low, high = model_box(mesh)
+    sides = np.sort(high - low)
+    found = []
+    for what, value, own, within, power in (
+        ("area", area, float(sides[1] * sides[2]), rules.REFERENCE_AREA, "²"),
+        ("chord", chord, float(sides[2]), rules.REFERENCE_CHORD, ""),
+    ):
+        if value != 1 and not within[0] * own < value < within[1] * own:
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "units",
+                    f"loads.{what} is {value:.4g} {unit}{power}, the model's own is some {own:.2g} {unit}{power}",
+                    f"give loads.{what} in {unit}{power}",
+                )
+            )
+    return found
+
+
+def lamp_findings(mesh: Mesh, lamps: Sequence[Sequence[float]], unit: str) -> list[Finding]:
+    """Lamps that stand where none can: at the model, or so far away that their places are of another unit."""
+    low, high = model_box(mesh)
+    size = float(np.linalg.norm(high - low))
+    nodes = mesh.vertices[mesh.used]
+    nodes = nodes[((nodes >= low) & (nodes <= high)).all(axis=1)]
+    found = []
+    for k, lamp in enumerate(lamps):
+        near = float(np.linalg.norm(nodes - np.asarray(lamp, dtype=float), axis=1).min())
+        if not rules.LAMP[0] * size < near < rules.LAMP[1] * size:
+            found.append(
+                Finding(
+                    DOUBTFUL,
+                    "units",
+                    f"lamp {k + 1} stands {near:.3g} {unit} from a model of {size:.3g} {unit}: the light that is taken "
+                    "from it is no lamp's",
+                    f"give lamp.position in {unit}, in the frame of markers and grid",
+                )
+            )
+    return found
