@@ -60,7 +60,7 @@ def test_live_pictures_have_no_clocks(made, windmark, tmp_path):
     [
         ('times = "cam2-times.csv"', 'times = "none.csv"', "camera[1].times"),
         ('times = "cam2-times.csv"', 'times = "cam2-times.csv"\nrate_hz = 30', "give one of them"),
-        ("[sequence]", '[sequence]\nclock = "cam9"', "no camera is called 'cam9'"),
+        ("[sequence]", '[sequence]\nclock = "cam9"', "'cam9' is not the name of a camera"),
         ("[sequence]", "[sequence]\nmax_lag_s = 0", "max_lag_s"),
     ],
 )
