@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -45,11 +46,17 @@ class Faults:
 
     def names(self, table: str, names: Sequence[str], key: str = "name") -> None:
         """Names of the entries of a list of tables: each only once, each such that a file can be called so."""
+        bad = -1  # thousands of pictures have names: where the first is that cannot stand is looked for only if one is
+        if unusable_name(names) is not None:
+            bad = bisect_left(range(len(names)), True, key=lambda k: unusable_name(names[: k + 1]) is not None)
+        seen: set[str] = set()
         for k, name in enumerate(names):
-            if name in names[:k]:
+            if name in seen:
                 self.add(f"{table} names must be unique, more than once: {name}", table, k, key, certain=True)
-            elif (why := unusable_name(names[: k + 1])) is not None and unusable_name(names[:k]) is None:
+            elif k == bad:
+                why = unusable_name(names[: k + 1])
                 self.add(f"{table} names become file names, and {why}", table, k, key, certain=True)
+            seen.add(name)
 
     def files(self, cameras: Sequence[Any]) -> None:
         """Files of cameras that stand somewhere: each is of one, whose place it says."""

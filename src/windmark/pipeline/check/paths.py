@@ -60,8 +60,9 @@ def key_of_file(project: Path, data: Any, file: Path, key: str = "") -> str:
     items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
     for name, value in items:
         here = f"{key}[{name}]" if isinstance(name, int) else f"{key}.{name}".lstrip(".")
-        if isinstance(value, str) and (project.parent / value).resolve() == file.resolve():
-            return here
+        with suppress(OSError, ValueError):  # a text that no file can be called
+            if isinstance(value, str) and (project.parent / value).resolve() == file.resolve():
+                return here
         if found := key_of_file(project, value, file, here):
             return found
     return ""
