@@ -1,7 +1,7 @@
 """A polar of the virtual painted wing reduced, against its truth: Cp per node, sections, CL and Cm, and their 95 %.
 
     python benchmarks/paint_polar.py [--seeds 101 102] [--incidences 5] [--ways "3D with deformation"] [--taps 20]
-        [--json FILE] [--picture FILE]
+        [--flats 16] [--json FILE] [--picture FILE]
 
 The wing moves by up to 15 px between wind-off and wind-on, bends by up to 2 % of its span and twists by a degree; two
 cameras, 27 taps on their side, of which ``--taps`` keeps some at random. Ways side by side (AIAA 2005-5007, Fig. 10):
@@ -9,8 +9,8 @@ pictures taken as if the model stood where it was wind-off; wind-on pictures rec
 markers, 2D, orders 1 to 3; the grid moved as a whole; and with the deformation of every picture. Loads are those of the
 side that the cameras show, truth and result alike; the truth is that at the same nodes, so the grid's own error is in
 neither. "Noise alone" leaves the modes out of the sigma of CL; "over photon limit" is the stated noise of the ratio
-over what the photo-electrons of a node's own pixels leave in all pictures. ``--picture``: maps of the error of Cp at
-the last point of the last seed.
+over what the photo-electrons of a node's own pixels leave in all pictures of the model; ``--flats`` leaves each camera
+so many pictures of even light. ``--picture``: maps of the error of Cp at the last point of the last seed.
 """
 
 from __future__ import annotations
@@ -93,13 +93,18 @@ def recomputed(kind: str, picture: ModelPicture, still: ModelPicture, raw: Mappi
     return replace(picture, light=light.astype(float), variance=variance, mesh=still.mesh, moves=still.moves)
 
 
-def run(seed: int, incidences: int, taps: int, scores: dict[str, Score]) -> tuple[PspTest, dict[str, np.ndarray]]:
+def run(
+    seed: int, incidences: int, taps: int, flats: int, scores: dict[str, Score]
+) -> tuple[PspTest, dict[str, np.ndarray]]:
     """A polar by all ways; the test, and the errors of Cp at its last point."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         simulate_psp(folder, seed, incidences)
         if taps:
             few_taps(folder / "tap-pressures.csv", taps, seed)
+        for file in folder.glob("calibration/flat-*.tif"):
+            if int(file.stem.rsplit("-", 1)[1]) >= flats:
+                file.unlink()
         test = load_psp(read_psp_project(folder / "psp.toml"))
         for row in test.rows:
             truth = io.read_nodes_netcdf(folder / "truth" / f"{row.name}.nc")[1]
@@ -137,12 +142,13 @@ def main() -> None:
     parser.add_argument("--incidences", type=int, default=5)
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))
     parser.add_argument("--taps", type=int, default=20, help="0: all")
+    parser.add_argument("--flats", type=int, default=16, help="pictures of even light of each camera, at most 16")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()
     scores = {way: Score() for way in options.ways}
     for seed in options.seeds:
-        test, errors = run(seed, options.incidences, options.taps, scores)
+        test, errors = run(seed, options.incidences, options.taps, options.flats, scores)
     records = {way: score.record() for way, score in scores.items()}
     for way, r in records.items():
         print(f"{way}: {json.dumps(r, indent=1)}")

@@ -32,7 +32,7 @@ def test_every_pattern_finds_its_pictures(written):
             assert len(found) == 3
             assert io.read_grey(found[0]).shape == (200, 320)
     assert len([*written.glob("calibration/dark-cam1-*.tif")]) == 4
-    assert len([*written.glob("calibration/flat-cam2-*.tif")]) == 6
+    assert len([*written.glob("calibration/flat-cam2-*.tif")]) == 16
 
 
 def test_tables_agree_with_each_other_and_the_truth(written):

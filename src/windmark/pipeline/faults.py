@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from difflib import get_close_matches
 from typing import Any, NoReturn
 
 from pydantic import ValidationError
@@ -13,6 +12,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from windmark.errors import WindmarkError
 from windmark.pipeline.settings import unusable_name
+from windmark.pipeline.typed import nearest
 
 INCONSISTENT = "inconsistent"
 """Type of these among pydantic's errors."""
@@ -79,9 +79,3 @@ class Faults:
 
     def _raise(self, title: str) -> NoReturn:
         raise ValidationError.from_exception_data(title, self._found)
-
-
-def nearest(name: str, every: Collection[str]) -> str:
-    """", did you mean ...?" where one of these looks like the given one; "" otherwise."""
-    near = get_close_matches(name, every, 1, 0.6)
-    return f", did you mean {near[0]}?" if near else ""

@@ -7,7 +7,6 @@ import tomllib
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Union, get_args, get_origin
 from unicodedata import normalize
@@ -18,7 +17,7 @@ from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading, reason
 from windmark.options import Option
 from windmark.pipeline.kinds import other_kind
-from windmark.pipeline.typed import typed
+from windmark.pipeline.typed import nearest, typed
 
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
 """For each part of a key the library goes through all parts before it. Looked for from where a word begins only: from
@@ -87,7 +86,7 @@ def explanation(one: Mapping[str, Any], root: type[BaseModel]) -> tuple[str | No
     key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in parts).lstrip(".") or None
     if one["type"] == "extra_forbidden":
         model = _model_at(root, keys[:-1])
-        return key, f"unknown key{nearest_words(keys[-1], model)}; expected {known_keys(model)}"
+        return key, f"unknown key{nearest(keys[-1], _keys_of(model))}; expected {known_keys(model)}"
     if one["type"] == "missing":
         return key, "is missing"
     if one["type"] == "value_error":
@@ -105,8 +104,7 @@ def _expected(one: Mapping[str, Any]) -> str:
 def _meant(one: Mapping[str, Any]) -> str:
     """One of the words that a key can have, where the given one looks like it."""
     words = re.findall("'([^']+)'", str(one.get("ctx", {}).get("expected", "")))
-    near = get_close_matches(str(one["input"]), words, 1, 0.6)
-    return f", did you mean {near[0]!r}?" if near else ""
+    return nearest(str(one["input"]), words)
 
 
 def key_parts(place: Sequence[str | int]) -> list[str | int]:
@@ -202,16 +200,13 @@ _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{k}" for port in ("COM", "LPT"
 _OWN = {"report.html", "summary.json", "manifest.json"}
 
 
-def nearest_words(key: str, model: type[BaseModel]) -> str:
-    """", did you mean ...?" where a table has a key that looks like the given one; "" otherwise."""
-    near = get_close_matches(key, [f.alias or n for n, f in model.model_fields.items() if n != "path"], 1, 0.6)
-    return f", did you mean {near[0]}?" if near else ""
+def _keys_of(model: type[BaseModel]) -> list[str]:
+    return [f.alias or n for n, f in model.model_fields.items() if n != "path"]
 
 
 def known_keys(model: type[BaseModel]) -> str:
     """The keys of a table, in words."""
-    names = [f.alias or n for n, f in model.model_fields.items() if n != "path"]
-    return f"one of {', '.join(names)}"
+    return f"one of {', '.join(_keys_of(model))}"
 
 
 def _model_at(root: type[BaseModel], keys: list[str]) -> type[BaseModel]:

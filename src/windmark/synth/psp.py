@@ -118,7 +118,7 @@ class PspTest:
                 seen = lamp[len(point.on) + k] * perfect
                 yield "off", name, k, self.cameras[name].expose(seen, self._noise(number, c, 1, k))
 
-    def calibration(self, darks: int = 4, flats: int = 6) -> Iterator[tuple[str, str, int, Picture]]:
+    def calibration(self, darks: int = 4, flats: int = 16) -> Iterator[tuple[str, str, int, Picture]]:
         """("dark" or "flat", camera, number, picture)."""
         for c, (name, camera) in enumerate(self.cameras.items()):
             for k in range(darks):

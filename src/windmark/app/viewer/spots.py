@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from windmark.pipeline.project import Project
 from windmark.pipeline.project_edit import SpotEdit, edit_spots
 from windmark.pipeline.project_entries import ImageEntry
 from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.typed import nearest
 from windmark.scene import Detections
 from windmark.tasks.labels import excluded_spots
 
@@ -67,9 +67,8 @@ def name_spot(result: RunResult, project: Project, image: str, spot: Any, marker
     k, place = spot_of(item, spot)
     names = [] if result.markers is None else [str(n) for n in result.markers.name]
     if marker not in names:
-        near = get_close_matches(str(marker), names, 1, 0.5)
         raise UsageError(f"{str(marker)[:60]!r} is no marker of the table with the roles that take part"
-                         + (f", did you mean {near[0]}?" if near else ""))  # fmt: skip
+                         + nearest(str(marker), names))  # fmt: skip
     told = Told.of(entry, item.detections, project.register_.label_distance_px)
     others = [name for name, at in told.labels.items() if at == k and name != marker]
     edit_spots(project.path, image, SpotEdit((marker, place), None, others, _items(told, k)))

@@ -16,6 +16,7 @@ from windmark.pipeline.project import Project
 from windmark.pipeline.psp import PspProject
 from windmark.pipeline.settings import has_path, key_parts, model_in
 from windmark.pipeline.toml_lines import Key
+from windmark.pipeline.typed import nearest
 
 
 def other_paths(model: type[BaseModel], data: Any, key: str = "") -> Iterator[tuple[str, str]]:
@@ -70,11 +71,8 @@ def key_of_file(project: Path, data: Any, file: Path, key: str = "") -> str:
 
 def similar(path: Path) -> str:
     """", did you mean ...?" where a file with nearly this name is there."""
-    from difflib import get_close_matches
-
     try:
         there = [p.name for p in path.parent.iterdir()]
     except (OSError, ValueError):  # no folder, or no name that a file can have
         return ""
-    near = get_close_matches(path.name, there, 1, 0.6)
-    return f", did you mean {near[0]}?" if near else ""
+    return nearest(path.name, there)

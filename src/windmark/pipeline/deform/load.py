@@ -16,9 +16,9 @@ from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.io.errors import reading
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
-from windmark.pipeline.faults import nearest
 from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.typed import nearest
 from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.scene import MarkerSet, Mesh
 from windmark.tasks.deform.task import DeformationTest, LookOptions, Station

@@ -14,7 +14,6 @@ from windmark.paint import TemperaturePaint, TunnelGain, form_factors
 from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
-from windmark.pipeline.faults import nearest
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.points import PointSet, on_grid, read_lists
@@ -26,6 +25,7 @@ from windmark.pipeline.psp.sensors import CameraSensor, read_sensor
 from windmark.pipeline.psp.stream import constants_of
 from windmark.pipeline.psp.table import PointRow, SensorTable, read_points_table, read_sensors
 from windmark.pipeline.results import FramedView
+from windmark.pipeline.typed import nearest
 from windmark.scene import Mesh
 from windmark.tasks.psp import Lamp, Reflecting
 
