@@ -11,6 +11,8 @@ function demands of another, such as the shapes of arrays: wrong use in Python, 
 
 from __future__ import annotations
 
+from typing import SupportsFloat
+
 
 class WindmarkError(ValueError):
     """Something that the user can change: its message says what came and what was expected."""
@@ -22,3 +24,22 @@ class UsageError(WindmarkError):
 
 class DataError(WindmarkError):
     """What is in the files, each of them sound, does not allow what is asked for."""
+
+
+def g2(value: SupportsFloat) -> str:
+    """A number in a message: two significant digits as the format ``.2g``, without powers of ten below a million."""
+    return _plain(f"{value:.2g}")
+
+
+def g3(value: SupportsFloat) -> str:
+    """`g2` with three digits."""
+    return _plain(f"{value:.3g}")
+
+
+def g1(value: SupportsFloat) -> str:
+    """`g2` with one digit, as an estimate deserves."""
+    return _plain(f"{value:.1g}")
+
+
+def _plain(text: str) -> str:
+    return f"{float(text):.0f}" if "e+0" in text and float(text) < 1e6 else text

@@ -328,3 +328,12 @@ def test_a_covariance_of_the_places_is_used():
         register_rig(*rig.arguments(), rig_cov=[np.eye(3), None, None])
     with pytest.raises(ValueError, match="for each camera of a rig"):
         register_rig(*rig.arguments(), rig_cov=[None])
+
+
+@pytest.mark.parametrize("cameras", [2, 3])
+def test_two_cameras_in_each_others_place_are_named(cameras):
+    rig = scenes.rig_scene(523, "B", cameras, hidden=0.25, false=0.5)
+    spots, markers, each, poses = rig.arguments()
+    refused = register_rig(spots, markers, each, [poses[1], poses[0], *poses[2:]])
+    assert refused.cause == "exchanged"
+    assert "camera 0 and camera 1 are exchanged" in refused.reason

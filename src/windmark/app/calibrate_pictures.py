@@ -13,6 +13,7 @@ from windmark.app.pictures import WIDTH_IN
 from windmark.calibration import Calibration
 from windmark.calibration.quality import Comparison, projection_sigma
 from windmark.calibration.snooping import critical
+from windmark.errors import g3
 from windmark.scene.plots import round_length
 
 Array = NDArray[np.float64]
@@ -102,5 +103,5 @@ def comparison_picture(found: Comparison, unit: str, words: str) -> Figure:
     every = max(1, len(order) // 40)
     figure.axes[2].set_xticks(order[::every], [str(n) for n in found.name[::every]], rotation=90, fontsize=7)
     figure.axes[2].set(xlabel="marker", xlim=(-0.6, len(order) - 0.4))
-    figure.suptitle(f"{words}: {found.rms:.3g} {unit} RMS, {found.ratio:.2f} times the combined sigma")
+    figure.suptitle(f"{words}: {g3(found.rms)} {unit} RMS, {found.ratio:.2f} times the combined sigma")
     return figure

@@ -21,6 +21,7 @@ from windmark.calibration import Calibration, NotCalibrated, magnify_distortion,
 from windmark.calibration.lens_choice import lens_words
 from windmark.calibration.quality import Comparison, SplitHalf, residual_map
 from windmark.calibration.snooping import critical
+from windmark.errors import g3
 from windmark.geometry.camera import LENS_PARAMETERS
 from windmark.pipeline.calibrate import Calibrated, MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import STRONG, correlations, datum_words, pose_columns, sigma_rms, views_seen
@@ -201,7 +202,7 @@ def _halves(report: Report, halves: SplitHalf | NotCalibrated, unit: str) -> Non
         return
     found = halves.comparison
     words = "The cameras' parameters" if found is None else f"{len(found.name)} markers"
-    words += f" differ by {'' if found is None else f'{found.rms:.3g} {unit} RMS, '}{halves.ratio:.2f} times what the"
+    words += f" differ by {'' if found is None else f'{g3(found.rms)} {unit} RMS, '}{halves.ratio:.2f} times what the"
     words += " covariances"
     optimistic = halves.ratio > OPTIMISTIC
     report.text(words + (" say: the sigmas in this report are too small by about this factor, as they are where "
@@ -220,7 +221,7 @@ def _against(report: Report, found: Comparison, unit: str, other: str) -> None:
     report.heading("Against another set of pictures")
     report.text(f"The same markers from {other}, fitted to these (turn, shift, scale): {len(found.name)} "
                 "markers differ by "
-                f"{found.rms:.3g} {unit} RMS, {found.ratio:.2f} times what both covariances say.",
+                f"{g3(found.rms)} {unit} RMS, {found.ratio:.2f} times what both covariances say.",
                 "good" if found.ratio < OPTIMISTIC else "bad")  # fmt: skip
     report.drawing("picture of the difference of the two sets",
                    lambda: drawn.comparison_picture(found, unit, "Difference of the two sets"),

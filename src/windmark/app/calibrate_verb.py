@@ -17,7 +17,7 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import NotCalibrated, Weighted
 from windmark.calibration.lens_choice import lens_words
 from windmark.calibration.quality import Comparison, SplitHalf, compare
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import (
     Board,
@@ -260,16 +260,16 @@ def _lines(done: Calibrated, matched: Pictures, against: Comparison | None, file
                  f"RMS {result.rms_px:.3f} px")  # fmt: skip
     for name, camera in result.cameras.items():
         sigma = {p: result.sigma(name, p) for p in ("focal_px", "cx", "cy")}
-        lines.append(f"{name}: focal length {camera.focal_px:.2f} ({sigma['focal_px']:.2g}) px, principal point "
-                     f"{camera.cx:.2f} ({sigma['cx']:.2g}), {camera.cy:.2f} ({sigma['cy']:.2g}) px")  # fmt: skip
+        lines.append(f"{name}: focal length {camera.focal_px:.2f} ({g2(sigma['focal_px'])}) px, principal point "
+                     f"{camera.cx:.2f} ({g2(sigma['cx'])}), {camera.cy:.2f} ({g2(sigma['cy'])}) px")  # fmt: skip
     if len(done.lenses) > 1:
         lines.append(lens_words(done.lenses))
     rms = (result.markers.sigma**2).mean(axis=0) ** 0.5
-    lines.append(f"markers, 1 sigma: {rms[0]:.2g}, {rms[1]:.2g}, {rms[2]:.2g} {files.unit} along x, y, z")
+    lines.append(f"markers, 1 sigma: {g2(rms[0])}, {g2(rms[1])}, {g2(rms[2])} {files.unit} along x, y, z")
     lines += [_beside_line(b, files.unit) for b in beside(result)]
     lines.append(_halves_line(done.halves, files.unit))
     if against is not None:
-        lines.append(f"against {files.against}: {len(against.name)} markers differ by {against.rms:.2g} "
+        lines.append(f"against {files.against}: {len(against.name)} markers differ by {g2(against.rms)} "
                      f"{files.unit} RMS,"
                      f" {against.ratio:.2f} times what the covariances say")  # fmt: skip
     lines += [f"warning: {sentence}" for sentence in result.warnings]
@@ -279,13 +279,13 @@ def _lines(done: Calibrated, matched: Pictures, against: Comparison | None, file
 
 
 def _beside_line(one: Beside, unit: str) -> str:
-    return (f"{one.camera} in the rig: {one.distance:.3f} ({one.distance_sigma:.2g}) {unit} and {one.angle_deg:.4f} "
-            f"({one.angle_sigma_deg:.2g}) deg from the first camera")  # fmt: skip
+    return (f"{one.camera} in the rig: {one.distance:.3f} ({g2(one.distance_sigma)}) {unit} and {one.angle_deg:.4f} "
+            f"({g2(one.angle_sigma_deg)}) deg from the first camera")  # fmt: skip
 
 
 def _halves_line(halves: SplitHalf | NotCalibrated, unit: str) -> str:
     if isinstance(halves, NotCalibrated):
         return f"no check by halves, for half of the pictures is too few: {halves.reason}"
     found = halves.comparison
-    by = "in the cameras' parameters " if found is None else f"by {found.rms:.2g} {unit}, "
+    by = "in the cameras' parameters " if found is None else f"by {g2(found.rms)} {unit}, "
     return f"two halves of the pictures differ {by}{halves.ratio:.2f} times what the covariances say"

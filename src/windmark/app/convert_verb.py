@@ -11,7 +11,7 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.commands.matching_options import grid_settings
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2
 from windmark.pipeline.convert_cameras import CameraOptions, convert_camera
 from windmark.pipeline.convert_frames import FrameOptions, convert_frames
 from windmark.pipeline.convert_frames import lines as frames_lines
@@ -127,7 +127,7 @@ def _camera_lines(record: Record) -> list[str]:
         *record["notes"],
         *_scaled(record),
         f"written: {record['output']} ({record['to']}); read back, it shows the same rays within"
-        f" {record['read_back_largest_px']:.2g} px",
+        f" {g2(record['read_back_largest_px'])} px",
     ]
 
 
@@ -156,7 +156,7 @@ def _marker_lines(record: Record) -> list[str]:
         f" normal, {record['with_radius']} with radius",
         *_scaled(record),
         f"written: {record['output']} ({record['to']}); read back: {record['markers']} markers, every number within"
-        f" {record['read_back_largest']:.2g}",
+        f" {g2(record['read_back_largest'])}",
     ]
 
 

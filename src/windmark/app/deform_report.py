@@ -20,6 +20,7 @@ from windmark.app.deform_scene import deform_scene
 from windmark.app.pictures import png, surface_picture
 from windmark.app.report import Report
 from windmark.deformation import Deformation, vertex_volumes
+from windmark.errors import g1, g2, g3
 from windmark.pipeline.deform import Loaded, Sequence
 from windmark.pipeline.deform.record import DOUBTFUL, MOTION
 from windmark.pipeline.surface import surface_view
@@ -81,8 +82,8 @@ def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[s
     report.table(["status", "frames", "meaning"], [[k, record[k], words] for k, words in WORDS.items()])
     if sequence.good:
         text = (
-            f"Median: {record['median_spots']:.0f} spots, RMS {record['median_rms_px']:.3g} px, sigma0 "
-            f"{record['median_sigma0']:.3g}, {record['median_frame_ms']:.0f} ms per frame from images to result; "
+            f"Median: {record['median_spots']:.0f} spots, RMS {g3(record['median_rms_px'])} px, sigma0 "
+            f"{g3(record['median_sigma0'])}, {record['median_frame_ms']:.0f} ms per frame from images to result; "
             f"{record['outliers']} spots left out as gross errors."
         )
         report.text(text)
@@ -101,8 +102,8 @@ def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[s
     if sequence.zero is not None and sequence.moved is not None:
         size = np.linalg.norm(sequence.moved, axis=1)
         report.text(
-            f"Wind-off zero: mean of {sequence.zero.frames} frames. It moved the markers by {np.median(size):.3g} "
-            f"{loaded.project.length_unit} (median) from their table, at most {size.max():.3g}."
+            f"Wind-off zero: mean of {sequence.zero.frames} frames. It moved the markers by {g3(np.median(size))} "
+            f"{loaded.project.length_unit} (median) from their table, at most {g3(size.max())}."
         )
     else:
         report.text("No wind-off zero: values are relative to the table of markers, whose errors they contain.", "bad")
@@ -209,8 +210,8 @@ def _surface(report: Report, loaded: Loaded, sequence: Sequence) -> None:
             report.heading("Values on the deformed grid")
             caption = (
                 f"Frame {of.key}, {of.camera}: the same picture mapped in two ways. The grid moved as a whole, to "
-                f"where it fits all markers best, is {np.sqrt(np.mean(off**2)):.2g} px off (RMS), "
-                f"{off.max():.2g} px at most"
+                f"where it fits all markers best, is {g2(np.sqrt(np.mean(off**2)))} px off (RMS), "
+                f"{g2(off.max())} px at most"
             )
             report.picture(png(mapped), caption)
 
@@ -282,7 +283,7 @@ def magnification(loaded: Loaded, sequence: Sequence) -> float:
 
 def _factor(loaded: Loaded, mesh: Mesh, largest: float) -> float:
     """A round factor by which the largest deformation is plainly seen; the project's own where it has one."""
-    seen = float(f"{max(VISIBLE_PART * _extent(mesh) / max(largest, 1e-12), 1.0):.1g}")
+    seen = float(f"{g1(max(VISIBLE_PART * _extent(mesh) / max(largest, 1e-12), 1.0))}")
     return min(loaded.project.output.magnify or seen, 1e3)
 
 

@@ -22,6 +22,8 @@ from windmark.app.series_folder import left, series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.deformation import weak_directions
+from windmark.errors import g3
+from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.deform import (
     Changes,
     FrameRecord,
@@ -41,7 +43,7 @@ from windmark.pipeline.verdict import Verdict, deform_verdict, rules
 Record = dict[str, Any]
 
 NUMBER = re.compile(r"[0-9.]+(e[-+]?[0-9]+)?")
-FEW_SHOWN = 5
+FRAMES_SHOWN, FEW_SHOWN = 20, 5
 """Frames of a camera with few markers that are listed; all are in cameras.csv."""
 
 
@@ -96,7 +98,7 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
         ])  # fmt: skip
     if not good:
         why = sequence.records[0].reason if sequence.records else "no frame arrived"
-        console.refuse(f"no frame gave a deformation; the first: {why}", as_json, record)
+        console.refuse("no frame gave a deformation", as_json, record, first=why)
 
 
 def _live(loaded: Loaded, folder: Path, live: Live, resume: bool, as_json: bool) -> Sequence:
@@ -185,8 +187,8 @@ def sentences(sequence: Sequence, which: str) -> dict[str, int]:
     for row in sequence.good:
         # Of several of one kind the frame's first one stays.
         kinds = {NUMBER.sub("#", words.partition(": ")[0]): words for words in reversed(getattr(row, which))}
-        for alike, words in kinds.items():
-            first.setdefault(alike, f"frame {row.key}: {words}")
+        for kind, words in kinds.items():
+            first.setdefault(kind, f"frame {row.key}: {words}")
         count.update(kinds.keys())
     return {first[alike]: n for alike, n in count.most_common()}
 
@@ -229,14 +231,15 @@ def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
     if sequence.arrivals:
         fates = ", ".join(f"{count} {fate}" for fate, count in sequence.arrivals.most_common())
         lines.append(f"{sequence.arrivals.total()} files: {fates} (arrivals.csv)")
-    lines += [f"  frame {r.key}: {r.status}: {r.reason}" for r in sequence.records if r.reason][:20]
+    told = alike((r.key, f"{r.status}: {r.reason}") for r in sequence.records if r.reason)
+    lines += [f"  {listed('frame', names)}: {words}" for words, names in told.items()][:FRAMES_SHOWN]
     for name, of in record["cameras"].items():
         lines += [f"  few markers: {name}, frame {few['frame']}: {few['spots']} of {few['expected']}: {few['reason']}"
                   for few in of["few"][:FEW_SHOWN]]  # fmt: skip
         lines += [f"  ... {len(of['few']) - FEW_SHOWN} more of {name}"] if len(of["few"]) > FEW_SHOWN else []
     lines += [f"  {remark}" for remark in sequence.remarks]
     if sequence.clock:
-        lags = ", ".join(f"{n} up to {1e3 * of['max_lag_s']:.3g} ms" for n, of in record["cameras"].items()
+        lags = ", ".join(f"{n} up to {g3(1e3 * of['max_lag_s'])} ms" for n, of in record["cameras"].items()
                          if n != sequence.clock and of["max_lag_s"] is not None)  # fmt: skip
         lines.append(f"instants: those of {sequence.clock}; others' spots are interpolated between their pictures "
                      f"(nearest picture off by: {lags or 'none'})")  # fmt: skip

@@ -14,6 +14,7 @@ from windmark import io
 from windmark.app.infrared_pictures import flags_map, histories_picture, medians_picture
 from windmark.app.psp_pictures import cp_map
 from windmark.app.report import Report
+from windmark.errors import g3
 from windmark.pipeline.infrared import FAILED, FrameRecord, InfraredResult, InfraredRun, reduced
 from windmark.pipeline.infrared.outputs import FRAMES
 from windmark.pipeline.infrared.run import MEAN
@@ -52,7 +53,7 @@ def infrared_page(run: InfraredRun, result: InfraredResult, folder: Path) -> Rep
             _maps(report, run, folder, MEAN, "mean of the frames")
         pick = np.unique(np.linspace(0, len(drawn) - 1, min(MAPS, len(drawn))).astype(int))
         for r in [drawn[k] for k in pick]:
-            _maps(report, run, folder, r.key, f"frame {r.key}, {r.time_s:.3g} s")
+            _maps(report, run, folder, r.key, f"frame {r.key}, {g3(r.time_s)} s")
         for of in run.points:
             report.heading(f"Histories at {of.name}")
             draw = partial(histories_of, result, of)

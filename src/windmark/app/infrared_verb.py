@@ -16,6 +16,7 @@ from windmark.app.provenance import Provenance
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
+from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.infrared import (
     FAILED,
     FrameRecord,
@@ -66,7 +67,7 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         ])  # fmt: skip
     if not good:
         why = result.records[0].reason if result.records else "there are no frames"
-        console.refuse(f"no frame could be reduced; the first: {why}", as_json, record)
+        console.refuse("no frame could be reduced", as_json, record, first=why)
 
 
 def summary(run: InfraredRun, result: InfraredResult) -> Record:
@@ -106,9 +107,9 @@ def _lines(result: InfraredResult) -> list[str]:
     """The result in words."""
     records, done = result.records, reduced(result.records)
     lines = [f"{len(records)} frames: {len(done)} reduced, {len(records) - len(done)} failed"]
-    told = [r for r in records if r.reason or r.remarks]
-    lines += [f"  frame {r.key}: {'; '.join(filter(None, (r.reason, *r.remarks)))}" for r in told[:SHOWN]]
-    lines += [f"  ... {len(told) - SHOWN} more frames (frames.csv)"] if len(told) > SHOWN else []
+    told = [*alike((r.key, words) for r in records for words in (r.reason, *r.remarks) if words).items()]
+    lines += [f"  {listed('frame', names)}: {words}" for words, names in told[:SHOWN]]
+    lines += [f"  ... {len(told) - SHOWN} more (frames.csv)"] if len(told) > SHOWN else []
     lines += [f"  {remark}" for remark in result.remarks]
     for r in done[:1] + done[1:][-1:]:
         flux = (f", heat flux {r.median_q:.0f} ± {r.median_sigma_q:.0f} W/m2" if np.isfinite(r.median_q) else "")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from windmark.app.laws_examples import UNIT, Shown
 from windmark.app.pictures import WIDTH_IN
 from windmark.deformation import Parameter
+from windmark.errors import g3
 from windmark.geometry import Camera, Pose
 from windmark.scene.plots import round_length
 
@@ -110,4 +111,4 @@ def _draw(
     axes.set(xlim=(x - width / 2, x + width / 2), ylim=(y + height / 2, y - height / 2), aspect="equal")
     farthest = float(np.linalg.norm(moved - rest, axis=1).max())
     unit = f" {parameter.unit}" if parameter.unit else ""
-    axes.set_title(f"{parameter.name} = {value:g}{unit}\nlargest displacement {farthest:.3g} {UNIT}", fontsize=9.5)
+    axes.set_title(f"{parameter.name} = {value:g}{unit}\nlargest displacement {g3(farthest)} {UNIT}", fontsize=9.5)

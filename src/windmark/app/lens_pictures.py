@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.app.pictures import WIDTH_IN, stretched
 from windmark.calibration import CorrectedImage, corrected_camera
+from windmark.errors import g3
 from windmark.geometry import Camera
 from windmark.scene.plots import round_length
 
@@ -51,7 +52,7 @@ def distortion_picture(camera: Camera, title: str = "Distortion") -> Figure:
                 color="#b71c1c")  # fmt: skip
     axes.plot(camera.cx, camera.cy, "+", color="black", ms=12, mew=1.5)
     ideal = "focal length × angle" if camera.lens == "fisheye" else "ideal"
-    axes.set_title(f"{title}: up to {top:.3g} px, distorted − {ideal}; arrows × {factor:g}")
+    axes.set_title(f"{title}: up to {g3(top)} px, distorted − {ideal}; arrows × {factor:g}")
     _sensor_axes(axes, camera.size_px)
     return figure
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 import windmark
 from windmark.app.report import Report
 from windmark.app.sphere_maps import Disc, discs, draw_map
+from windmark.errors import g2
 from windmark.tasks.marker_check import Change, MarkerCheck
 from windmark.tasks.marker_check.campaign import OUTCOMES
 
@@ -92,7 +93,7 @@ def pose_picture(check: MarkerCheck) -> Figure:
         bar = figure.colorbar(image, ax=list(line), shrink=0.75, label=label)
         if len(finite):
             ticks = np.geomspace(*_range(finite), 6)
-            bar.set_ticks(list(ticks), labels=[f"{t:.2g}" for t in ticks])
+            bar.set_ticks(list(ticks), labels=[f"{g2(t)}" for t in ticks])
             bar.minorticks_off()
     figure.suptitle(_sigma_title(check), fontsize=11)
     handles = []

@@ -10,6 +10,7 @@ import numpy as np
 from windmark.app import merge_pictures, pictures
 from windmark.app.pictures import png
 from windmark.app.report import Report
+from windmark.errors import g2, g3
 from windmark.pipeline.merge import MergeResult
 from windmark.pipeline.merge_outputs import merge_summary, table_summary
 from windmark.pipeline.points import MergedTable, PointTable
@@ -50,7 +51,7 @@ def merged_part(report: Report, item: MergeResult, unit: str) -> None:
     _gains(report, item, record)
     report.text(
         f"{record['nodes_with_value']} nodes have a value, {record['nodes_of_several']} of them from several images;"
-        f" their sigma is {record['sigma_percent']:.2g} % (median)."
+        f" their sigma is {g2(record['sigma_percent'])} % (median)."
     )
     title = f"Merged: {', '.join(merged.names)}"
     report.drawing(f"{item.folder}: picture of the values",
@@ -86,7 +87,7 @@ def _gains(report: Report, item: MergeResult, record: dict) -> None:
     )  # fmt: skip
     off = record["systematic_percent"]
     if off == off:
-        report.text(f"Beyond noise and poses the images differ by {off:.2g} % (median): light that depends on the"
+        report.text(f"Beyond noise and poses the images differ by {g2(off)} % (median): light that depends on the"
                     " direction, shading of lenses, registration.", "soft")  # fmt: skip
 
 
@@ -123,8 +124,8 @@ def tables(report: Report, found: Sequence[PointTable | MergedTable], unit: str,
         moved = record["largest_move"]
         report.text(
             f"{record['with_value']} of {record['points']} points have a value."
-            + ("" if moved is None else f" They were moved by up to {moved:.3g} {unit} onto the surface (at most"
-               f" {record['max_distance']:.3g} {unit} is allowed).")
+            + ("" if moved is None else f" They were moved by up to {g3(moved)} {unit} onto the surface (at most"
+               f" {g3(record['max_distance'])} {unit} is allowed).")
         )  # fmt: skip
         reasons = table.values.words if isinstance(table, PointTable) else table.reason
         asked, distance, v = table.of.asked, table.of.surface.distance, table.values

@@ -7,6 +7,7 @@ import numpy as np
 from windmark.app.run_scene import marker_notes
 from windmark.app.scene3d import STATION_COLOURS, Markers, Scene3D, Station
 from windmark.calibration import Calibration
+from windmark.errors import g2
 
 PYRAMID = 0.2
 """How far the views are drawn, of the way to the markers: those of many stations hide each other."""
@@ -23,7 +24,7 @@ def network_scene(result: Calibration, unit: str) -> Scene3D:
         sigma = np.sqrt(np.maximum(np.diag(pose.rotation.T @ turned @ pose.rotation), 0.0))
         notes = [f"{marks[k]} marks"]
         if sigma.any():
-            notes.append(f"1 sigma of its place: {', '.join(f'{s:.2g}' for s in sigma)} {unit}")
+            notes.append(f"1 sigma of its place: {', '.join(f'{g2(s)}' for s in sigma)} {unit}")
         if len(result.cameras) > 1:
             notes.insert(0, f"camera {view.camera}")
         stations.append(Station(view.name, result.cameras[view.camera], pose, colour[view.camera], tuple(notes),

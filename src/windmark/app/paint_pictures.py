@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from windmark.app.pictures import WIDTH_IN
+from windmark.errors import g3
 from windmark.paint import PaintFit, TemperaturePaint
 from windmark.pipeline.psp.cell import CellTable
 
@@ -40,7 +41,7 @@ def pressure_picture(cell: CellTable, fit: PaintFit) -> Figure:
         left.errorbar(kPa, 100 * fit.residuals / cell.ratio, size, ls="", color="0.7", lw=0.7, zorder=0)
     left.axhline(0, color="black", lw=0.6)
     shown.set(xlabel="pressure, kPa", ylabel="I_ref / I", title=f"order up to {law.order[0]} in p, {law.order[1]} in T")
-    left.set(xlabel="pressure, kPa", ylabel="measured − law, %", title=f"cross-validated RMS {fit.cv_rms:.3g}")
+    left.set(xlabel="pressure, kPa", ylabel="measured − law, %", title=f"cross-validated RMS {g3(fit.cv_rms)}")
     figure.colorbar(dots, ax=left, label="temperature, K")
     _orders(tried, fit.orders, fit.order)
     return figure
@@ -76,5 +77,5 @@ def temperature_picture(cell: CellTable, law: TemperaturePaint) -> Figure:
     left.errorbar(cell.temperature, off, size, ls="", marker=".", color="black", lw=0.7)
     left.axhline(0, color="black", lw=0.6)
     shown.set(xlabel="temperature, K", ylabel="ln(I_ref / I)", title=f"order {len(k) - 1}")
-    left.set(xlabel="temperature, K", ylabel="measured − law, %", title=f"cross-validated RMS {law.cv_rms:.3g}")
+    left.set(xlabel="temperature, K", ylabel="measured − law, %", title=f"cross-validated RMS {g3(law.cv_rms)}")
     return figure

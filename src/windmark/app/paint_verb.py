@@ -11,7 +11,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn, png_alone
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g3
 from windmark.paint import PaintFit, TemperaturePaint
 from windmark.paint.cell_fit import MOST_P, MOST_T
 from windmark.paint.temperature_paint import MOST_ORDER
@@ -89,10 +89,10 @@ def _pressure_lines(fit: PaintFit) -> list[str]:
     return [
         f"{len(fit.residuals)} measurements, {law.p_range[0]:g} to {law.p_range[1]:g} Pa, {law.t_range[0]:g} to "
         f"{law.t_range[1]:g} K",
-        f"order {fit.order[0]} in pressure and {fit.order[1]} in temperature ({said}), RMS {fit.rms:.3g}, "
-        f"cross-validated {fit.cv_rms:.3g}" + _beyond(fit),
-        f"at {p:.6g} Pa and {t:.5g} K: {by_p * p / ratio:.3g} % per % of pressure, "
-        f"{100 * by_t / ratio:.3g} % per K; the calibration leaves {p_sigma:.3g} Pa open (1 sigma)",
+        f"order {fit.order[0]} in pressure and {fit.order[1]} in temperature ({said}), RMS {g3(fit.rms)}, "
+        f"cross-validated {g3(fit.cv_rms)}" + _beyond(fit),
+        f"at {p:.6g} Pa and {t:.5g} K: {g3(by_p * p / ratio)} % per % of pressure, "
+        f"{g3(100 * by_t / ratio)} % per K; the calibration leaves {g3(p_sigma)} Pa open (1 sigma)",
         *(f"note: {words}" for words in fit.warnings),
     ]  # fmt: skip
 
@@ -121,6 +121,6 @@ def _temperature_lines(law: TemperaturePaint, rows: int) -> list[str]:
     slope = float(np.diff(law.log_ratio([t - 0.5, t + 0.5]))[0])
     return [
         f"{rows} measurements, {law.t_range[0]:g} to {law.t_range[1]:g} K",
-        f"order {len(law.coefficients) - 1}, RMS {law.rms:.3g} of ln(I_ref / I), cross-validated {law.cv_rms:.3g}",
-        f"at {t:.5g} K: {100 * slope:.3g} % per K",
+        f"order {len(law.coefficients) - 1}, RMS {g3(law.rms)} of ln(I_ref / I), cross-validated {g3(law.cv_rms)}",
+        f"at {t:.5g} K: {g3(100 * slope)} % per K",
     ]

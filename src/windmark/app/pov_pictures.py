@@ -11,6 +11,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from windmark.app.pictures import WIDTH_IN
+from windmark.errors import g2, g3
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.surface import surface_view
 from windmark.pipeline.views import frame_view
@@ -83,7 +84,7 @@ def _scene(axes: Axes, view: Viewpoint, mesh: Mesh | None, points: Array | None)
     _draw_camera(axes, at(corners))
     _draw_steps(axes, at(steps))
     if nearer > 1:
-        words = f"not to scale: dz is drawn {nearer:.3g} times shorter"
+        words = f"not to scale: dz is drawn {g3(nearer)} times shorter"
         axes.text(0.02, 0.98, words, transform=axes.transAxes, va="top", color=STEP, fontsize=9)
     for k, (capital, letter) in enumerate(zip("XYZ", "xyz", strict=True)):
         _arrow(axes, at(np.zeros((1, 3)))[0], at(own[k : k + 1])[0], COLOURS[k], capital)
@@ -174,7 +175,7 @@ def _numbers(figure: Figure, view: Viewpoint) -> None:
     pov, unit, sigma = view.pov, view.unit or "", view.sigma
 
     def line(name: str, what: str) -> str:
-        known = "" if sigma is None or not np.isfinite(getattr(sigma, name)) else f"\n   ± {getattr(sigma, name):.2g}"
+        known = "" if sigma is None or not np.isfinite(getattr(sigma, name)) else f"\n   ± {g2(getattr(sigma, name))}"
         return f"{name.removesuffix('_deg'):3s} {round(getattr(pov, name), 9) + 0.0:.5g} {what}{known}"
 
     rows = [line(n, "°") for n in ("rx_deg", "ry_deg", "rz_deg")]

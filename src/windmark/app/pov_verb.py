@@ -16,7 +16,7 @@ from windmark.app import console
 from windmark.app.alone import not_drawn, png_alone
 from windmark.app.commands.matching_options import grid_settings
 from windmark.app.convert_verb import parse_size
-from windmark.errors import UsageError, WindmarkError
+from windmark.errors import UsageError, WindmarkError, g2
 from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.framing import FOV_DEG, SIZE_PX
 from windmark.pipeline.grid import read_grid
@@ -229,7 +229,7 @@ def _described(view: Viewpoint, points: Array) -> tuple[Record, list[str]]:
     lines = [f"{view.name}: {width} x {height} px, focal length {camera.focal_px:.3f} px", *notes]
     for name in (*NAMES, "fov_deg"):
         angle = name.endswith("_deg")
-        known = "" if sigma is None or math.isnan(getattr(sigma, name)) else f"  sigma {getattr(sigma, name):.2g}"
+        known = "" if sigma is None or math.isnan(getattr(sigma, name)) else f"  sigma {g2(getattr(sigma, name))}"
         digits = f"{round(getattr(pov, name), 5) + 0.0:.5f}"
         lines.append(f"  {name.removesuffix('_deg'):4s}{digits:>14s} {'deg' if angle else unit}{known}")
     lines += [

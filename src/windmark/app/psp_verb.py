@@ -16,6 +16,7 @@ from windmark.app.psp_report import psp_page
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
+from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
 from windmark.pipeline.verdict import black_findings, lamp_findings, psp_verdict, reference_findings, units_findings
 
@@ -68,7 +69,7 @@ def psp(
         ])  # fmt: skip
     if not good:
         why = records[0].reason if records else "the table has no points"
-        console.refuse(f"no point could be reduced; the first: {why}", as_json, record)
+        console.refuse("no point could be reduced", as_json, record, first=why)
 
 
 def summary(test: PspTest, records: list[PointRecord]) -> Record:
@@ -103,7 +104,8 @@ def _lines(records: list[PointRecord]) -> list[str]:
     """The result in words."""
     done = reduced(records)
     lines = [f"{len(records)} points: {len(done)} reduced, {len(records) - len(done)} failed"]
-    lines += [f"  point {r.name}: {r.reason}" for r in records if r.reason][:SHOWN]
+    failed = alike((r.name, r.reason) for r in records if r.reason)
+    lines += [f"  {listed('point', names)}: {why}" for why, names in failed.items()][:SHOWN]
     for r in done[:SHOWN]:
         loads = r.loads.get("all", {})
         words = ", ".join(f"{c} {loads[c][0]:+.4f} ± {loads[c][1]:.4f}" for c in ("CL", "CD", "Cm") if c in loads)

@@ -15,7 +15,7 @@ from windmark.app.alone import not_drawn
 from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import Distance
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import sigma_rms
@@ -207,19 +207,19 @@ def _lines(
         f"{posed} of {len(pictures)} pictures used, {len(result.markers)} markers ({len(against.name)} primary), in "
         f"{seen.min()} to {seen.max()} pictures each; {int(done.used.sum())} marks, "
         f"{int((~done.used).sum())} left out; sigma0 {done.sigma0:.3f}, RMS {result.rms_px:.3f} px",
-        f"markers, 1 sigma: {rms[0]:.2g}, {rms[1]:.2g}, {rms[2]:.2g} {length_words(unit)} along x, y, z",
+        f"markers, 1 sigma: {g2(rms[0])}, {g2(rms[1])}, {g2(rms[2])} {length_words(unit)} along x, y, z",
     ]
     if result.frame:
         lines.append(f"{result.frame}; 1 sigma is that of the shape (inner constraints)")
     if len(against.name):
         rms_known = (against.difference**2).sum(axis=1).mean() ** 0.5
-        lines.append(f"primaries against their table: {rms_known:.2g} {unit} RMS")
+        lines.append(f"primaries against their table: {g2(rms_known)} {unit} RMS")
     lines += [f"primaries: {words}" for words in primary_sigma_words(primary, unit)]
     lines += [f"  open: {name}: {len(spots)} spots have several possible partners, or one that could be chance"
               for name, spots in result.open_spots.items() if len(spots)]  # fmt: skip
     lines += [f"  primary marker {name} was not recognised: {result.unrecognised[name]}" for name in against.missing]
     for name, camera in result.cameras.items():
-        free = [f"{p} {getattr(camera, p):.6g} ({done.sigma(name, p):.2g})" for p in files.free]
+        free = [f"{p} {getattr(camera, p):.6g} ({g2(done.sigma(name, p))})" for p in files.free]
         lines += [f"{name}: {', '.join(free)}"] if free else []
     lines += [f"  not used: {name}: {why}" for name, why in result.dropped.items()]
     lines += [f"warning: {sentence}" for sentence in result.warnings]

@@ -13,6 +13,7 @@ from windmark.app.photo import Overlay, Room, preview, scale_bar, tiles
 from windmark.app.pictures import png
 from windmark.app.report import Report, earned_decimals
 from windmark.app.svg import LINE_COLOURS, Chart
+from windmark.errors import g2
 from windmark.pipeline.outputs import pose_difference
 from windmark.pipeline.results import ImageResult, RunResult, SectionValues, ViewImage
 from windmark.pipeline.wireframe import grid_lines
@@ -82,7 +83,7 @@ def photo(
     matched = np.zeros(len(spots), dtype=bool)
     sigma = np.sqrt(np.trace(spots.cov, axis1=1, axis2=2) / 2)
     columns = zip(spots.xy.tolist(), sigma.tolist(), spots.merit.tolist(), strict=True)
-    notes = [f"spot {k}: x {x:.2f}, y {y:.2f} px, sigma {s:.2g} px, merit {m:.3f}".replace("-", "−")
+    notes = [f"spot {k}: x {x:.2f}, y {y:.2f} px, sigma {g2(s)} px, merit {m:.3f}".replace("-", "−")
              for k, ((x, y), s, m) in enumerate(columns)]  # fmt: skip
     if answer is None or markers is None:
         over.spots(spots, matched, notes, ("", f"spot ({len(spots)})"))
@@ -110,8 +111,8 @@ def _registration(
     _together(report, item)
     if answer.excess_px > 0.0:
         report.text(
-            f"The residuals ask for {answer.excess_px:.2g} px (1 sigma per coordinate) beyond the spots' noise, as if"
-            f" the markers were {answer.off_table:.2g} {unit} off their table; the sigmas above have it.",
+            f"The residuals ask for {g2(answer.excess_px)} px (1 sigma per coordinate) beyond the spots' noise, as if"
+            f" the markers were {g2(answer.off_table)} {unit} off their table; the sigmas above have it.",
             "soft",
         )
     if answer.unchecked:
@@ -136,7 +137,7 @@ def _registration(
     with report.part(f"{item.name}: pixels of the spots"):
         worst = np.argsort(-size, kind="stable")[: room.tiles]
         report.raw(tiles(shown, xy[worst], projected[worst], [names[k] for k in worst],
-                         [f"{size[k]:.2g} px" for k in worst]))  # fmt: skip
+                         [f"{g2(size[k])} px" for k in worst]))  # fmt: skip
         report.text("The spots with the largest residuals, pixel by pixel: green cross the spot's centre, yellow cross "
                     "where the marker is expected.", "soft")  # fmt: skip
 
@@ -145,7 +146,7 @@ def residual_chart(names: Sequence[str], residual: np.ndarray) -> str:
     """Residuals (K, 2) projected − detected, with the RMS circle, one name each."""
     rms = float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
     half = 1.15 * max(float(np.abs(residual).max(initial=0.0)), rms, 1e-3)
-    chart = Chart((-half, half), (half, -half), ("dx, px", "dy, px"), f"RMS {rms:.2g} px (dashed circle)", (430, 420),
+    chart = Chart((-half, half), (half, -half), ("dx, px", "dy, px"), f"RMS {g2(rms)} px (dashed circle)", (430, 420),
                   equal=True)  # fmt: skip
     chart.circle(rms)
     chart.dots(residual[:, 0], residual[:, 1],
@@ -196,7 +197,7 @@ def _together(report: Report, item: ImageResult) -> None:
     )
     report.text(
         f"Registered together with the other cameras of the rig, from one instant (markers matched: {each}). The pose"
-        f" follows from all of them, and the false-alarm number is that of all; RMS of all {found.rms_px:.2g} px."
+        f" follows from all of them, and the false-alarm number is that of all; RMS of all {g2(found.rms_px)} px."
     )
 
 

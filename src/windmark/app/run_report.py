@@ -19,6 +19,7 @@ from windmark.app.provenance import Provenance
 from windmark.app.report import Report
 from windmark.app.run_images import image_part
 from windmark.app.run_scene import run_scene
+from windmark.errors import g2
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.truth import Comparison
@@ -129,7 +130,7 @@ def in_short(item: ImageResult) -> str:
     answer = item.registered
     if answer is None or not len(answer.matching):
         return "done"
-    return f"{len(answer.matching)} markers, RMS {answer.rms_px:.2g} px"
+    return f"{len(answer.matching)} markers, RMS {g2(answer.rms_px)} px"
 
 
 def overview(report: Report, result: RunResult) -> None:
@@ -141,7 +142,7 @@ def overview(report: Report, result: RunResult) -> None:
             item.name,
             None if item.detections is None else len(item.detections),
             None if answer is None else len(answer.matching),
-            None if answer is None or not len(answer.matching) else f"{answer.rms_px:.2g}",
+            None if answer is None or not len(answer.matching) else f"{g2(answer.rms_px)}",
             None if answer is None else f"10^{answer.log10_nfa:.0f}",
             None if item.values is None else int(np.isfinite(item.values).sum()),
             sum(item.seconds.values()),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from windmark.app.report import earned_decimals
 from windmark.app.scene3d import STATION_COLOURS, Cut, Field, Markers, Scene3D, Shifts, Station, looking_over
 from windmark.app.scene_document import larger
+from windmark.errors import g2
 from windmark.pipeline.node_sigma import node_sigma
 from windmark.pipeline.outputs import projected_xy
 from windmark.pipeline.results import ImageResult, RunResult
@@ -96,7 +97,7 @@ def shifts(item: ImageResult, result: RunResult) -> Shifts | None:
     unit = result.project.length_unit
     rms = float(np.sqrt(np.mean(np.sum(vectors[found] ** 2, axis=1))))
     words = (f"Residuals of {item.name}: where each marker seems to be, seen across the picture, drawn × {factor:g}; "
-             f"RMS {rms:.2g} {unit}.")  # fmt: skip
+             f"RMS {g2(rms)} {unit}.")  # fmt: skip
     return Shifts(vectors, factor, words, tuple(notes))
 
 
@@ -129,7 +130,7 @@ def _station_notes(item: ImageResult) -> tuple[str, ...]:
     answer = item.registered
     if answer is None or not len(answer.matching):
         return ()
-    return (f"{len(answer.matching)} markers matched, RMS {answer.rms_px:.2g} px",)
+    return (f"{len(answer.matching)} markers matched, RMS {g2(answer.rms_px)} px",)
 
 
 def _cuts(items: Sequence[ImageResult]) -> list[Cut]:

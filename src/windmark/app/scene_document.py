@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from windmark.app.packing import COARSE, FINE, Fineness, Packed, coordinates
 from windmark.app.scene3d import Cut, Field, Frames, Markers, Scene3D, Shifts, Station
 from windmark.app.space_pictures import RADIUS, magnification
+from windmark.errors import g2
 from windmark.scene import Mesh
 from windmark.scene.plots import round_length
 
@@ -257,8 +258,8 @@ def _markers(markers: Markers, box: Array, unit: str) -> Document:
         axes = vector * (RADIUS * np.sqrt(np.maximum(value, 0.0)))[:, None, :]
         out["axes"] = _list(np.swapaxes(axes, 1, 2).reshape(len(index), 9))
         out["factor"] = factor
-        out["axesWords"] = (f"Ellipsoids: 95 %, drawn × {factor:g}; most semi-axes are below {usual:.2g} {unit}, the "
-                            f"largest is {top:.2g} {unit}.")  # fmt: skip
+        out["axesWords"] = (f"Ellipsoids: 95 %, drawn × {factor:g}; most semi-axes are below {g2(usual)} {unit}, the "
+                            f"largest is {g2(top)} {unit}.")  # fmt: skip
     return out
 
 

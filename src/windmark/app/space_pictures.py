@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from windmark.app.calibrate_pictures import BLUE, DARK
 from windmark.app.pictures import WIDTH_IN
 from windmark.calibration import Calibration
+from windmark.errors import g2
 from windmark.scene.plots import round_length
 
 if TYPE_CHECKING:
@@ -94,8 +95,8 @@ def magnification(cov: Array, size: float) -> tuple[float, float, float]:
 
 
 def _magnified(usual: float, top: float, factor: float, unit: str) -> str:
-    return (f"95 % error ellipsoids × {factor:g}: {100 * _SHARE:.0f} % have semi-axes below {usual:.2g} {unit}, "
-            f"the largest is {top:.2g} {unit}")  # fmt: skip
+    return (f"95 % error ellipsoids × {factor:g}: {100 * _SHARE:.0f} % have semi-axes below {g2(usual)} {unit}, "
+            f"the largest is {g2(top)} {unit}")  # fmt: skip
 
 
 def stations_picture(result: Calibration, unit: str) -> Figure:

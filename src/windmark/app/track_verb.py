@@ -18,7 +18,7 @@ from windmark.app.report import Report
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g3
 from windmark.geometry import Camera
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.same_run import made_with
@@ -155,7 +155,7 @@ def _page(rows: list[PoseRow], record: Record, unit: str, place: Path) -> Report
         ["status", "images", "meaning"], [[key, record[key], words] for key, words in WORDS.items()]
     )  # fmt: skip
     report.text(
-        f"Median: {record['median_matched']:.0f} markers matched, RMS {record['median_rms_px']:.3g} px (2-D), "
+        f"Median: {record['median_matched']:.0f} markers matched, RMS {g3(record['median_rms_px'])} px (2-D), "
         f"{1e3 * record['median_seconds']:.0f} ms per image, reading included. In {record['guided']} images the "
         "markers were looked for near their predicted places only."
     )

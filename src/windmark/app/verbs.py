@@ -11,6 +11,7 @@ from windmark.app import console
 from windmark.app.project_place import project_in
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import compiling_seconds, job_time
+from windmark.errors import g2
 from windmark.pipeline import merge_outputs, outputs
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.job import run_project
@@ -131,11 +132,11 @@ def image_line(item: ImageResult, result: RunResult) -> str:
         )
         parts.extend(_together_words(item, answer))
         if answer.excess_px > 0.0:
-            parts.append(f"markers {answer.off_table:.2g} {result.project.length_unit} off their table")
+            parts.append(f"markers {g2(answer.off_table)} {result.project.length_unit} off their table")
         parts.extend(f"weak {weak.words(result.project.length_unit)}" for weak in answer.weak)
         if answer.deformation is not None:
             bent = answer.deformation
-            parts.append(f"model deformed by {100 * bent.largest:.2g} % of its size, up to {bent.largest_px:.1f} px")
+            parts.append(f"model deformed by {g2(100 * bent.largest)} % of its size, up to {bent.largest_px:.1f} px")
     if item.values is not None and result.mesh is not None:
         kind = "values" if item.quantity.name == "grey" else f"{item.quantity.name} ({item.quantity.unit})"
         parts.append(f"{kind} on {int((item.values == item.values).sum())} of {len(item.values)} nodes")

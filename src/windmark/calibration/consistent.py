@@ -21,7 +21,7 @@ from windmark.calibration.finish import refuse_weak, transformed
 from windmark.calibration.hypotheses import contradicted
 from windmark.calibration.setup import Job, frames_of, views_of
 from windmark.calibration.solve import Solved
-from windmark.errors import WindmarkError
+from windmark.errors import WindmarkError, g2, g3
 from windmark.geometry import Pose, triangulate
 from windmark.geometry.similarity import Similarity, align
 from windmark.scene import Doubt
@@ -170,7 +170,7 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[
         else:
             a, b = control.bar[block - points]
             away = float(control.length[block - points] - np.linalg.norm(moved[a] - moved[b]))
-        return f"{away:.3g} {job.markers.length_unit or ''}".rstrip()
+        return f"{g3(away)} {job.markers.length_unit or ''}".rstrip()
 
     if verdict.unclear:
         listed = ", ".join(f"{what(b)} ({off(b)})" for b in verdict.unclear)
@@ -191,7 +191,7 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[
 
 def _misfit(job: Job, verdict: Verdict) -> Doubt:
     """All of the control fits badly, none of it worse than the others."""
-    times, far = f"{verdict.factor:.1f} times worse", f"{verdict.off:.2g} {job.markers.length_unit or ''}".rstrip()
+    times, far = f"{verdict.factor:.1f} times worse", f"{g2(verdict.off)} {job.markers.length_unit or ''}".rstrip()
     if isinstance(job.datum, Fixed) and not job.distances:
         return Doubt((), f"held markers are off their table by some {far} (they fit {times} than the pictures know "
                          "them); the sigmas do not contain that", "table")  # fmt: skip

@@ -18,6 +18,7 @@ from windmark.adjust.terms import whitener
 from windmark.calibration.agreement import FALSE
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
+from windmark.errors import g1, g2
 from windmark.geometry import PARAMETERS
 from windmark.scene import Doubt
 
@@ -103,10 +104,10 @@ def focus_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
     """What is said of pictures whose focal length is not that of the others, the surest first."""
     found, together = refocused(job, solved)
     if not found:
-        rms = f"focal lengths of the pictures differ by {100 * together:.2g} % (rms): free_focal"
+        rms = f"focal lengths of the pictures differ by {g2(100 * together)} % (rms): free_focal"
         return (Doubt((), rms, "focal"),) if together else ()
     worst = sorted(found, key=lambda r: -abs(r.change) / r.sigma)[:NAMED]
-    listed = ", ".join(f"{{}} ({100 * r.change:+.2g} +- {100 * r.sigma:.1g} %)" for r in worst)
+    listed = ", ".join(f"{{}} ({100 * r.change:+.2g} +- {g1(100 * r.sigma)} %)" for r in worst)
     more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
     words = f"focal length not that of the other pictures (free_focal): {listed}{more}"
     return (Doubt(tuple(r.view for r in worst), words, "focal"),)

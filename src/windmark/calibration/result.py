@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
+from windmark.errors import g2, g3
 from windmark.geometry import Camera, Pose
 from windmark.scene import Doubt, MarkerSet, Observations, View
 from windmark.scene.shown import described, pandas_table
@@ -28,12 +29,12 @@ CAUSES = {
 
 
 def _figures(c: Calibration) -> dict[str, object]:
-    focal = ", ".join(f"{n} {k.focal_px:.2f} ± {c.sigma(n, 'focal_px'):.2g}" for n, k in c.cameras.items())
+    focal = ", ".join(f"{n} {k.focal_px:.2f} ± {g2(c.sigma(n, 'focal_px'))}" for n, k in c.cameras.items())
     sigma = float(np.sqrt((c.markers.sigma**2).mean()))
     return {
         "views": len(c.views), "markers": len(c.markers), "marks": f"{int(c.used.sum())} of {len(c.used)}",
-        "sigma0": f"{c.sigma0:.3g}", "rms px": f"{c.rms_px:.3g}", "focal px": focal,
-        "markers' sigma": f"{sigma:.2g} {c.markers.length_unit}".rstrip(),
+        "sigma0": f"{g3(c.sigma0)}", "rms px": f"{g3(c.rms_px)}", "focal px": focal,
+        "markers' sigma": f"{g2(sigma)} {c.markers.length_unit}".rstrip(),
         "warnings": "; ".join(c.warnings) or "none",
     }  # fmt: skip
 

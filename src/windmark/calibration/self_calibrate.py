@@ -18,6 +18,7 @@ from windmark.calibration.hypotheses import focus_doubts
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part
 from windmark.calibration.start import start_poses
+from windmark.errors import g3
 from windmark.geometry import Camera, DegenerateGeometry, Pose
 from windmark.options.calibration import ECCENTRICITY, MAX_SIGMA0, SOLVER
 from windmark.scene import MarkerSet, Observations, View
@@ -170,7 +171,7 @@ def _attempt(
         if sigma0 > options["max_sigma0"]:
             return refused(
                 "misfit",
-                f"residuals are {sigma0:.3g} times what the marks' covariances say (limit "
+                f"residuals are {g3(sigma0)} times what the marks' covariances say (limit "
                 f"{options['max_sigma0']:g}): wrong labels, a start too far away, or a lens beyond the model",
                 sigma0=sigma0,
             )

@@ -20,7 +20,7 @@ from windmark.adjust.loss import Loss
 from windmark.adjust.network.covariance import network_covariance
 from windmark.calibration.focal_fit import FREE, Fit, Mark, adjusted, distances, problem_of
 from windmark.calibration.start import LEAST, start_poses
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2
 from windmark.geometry import PARAMETERS, Camera, DegenerateGeometry, Pose
 from windmark.geometry.two_view.homography import robust_homography
 
@@ -232,7 +232,7 @@ def _judged(fit: Fit, marks: list[Mark], max_sigma: float) -> StartFocal | Focal
     focal = camera.focal_px
     if not (report.converged and sigma <= max_sigma * focal):
         return FocalNotDetermined(
-            f"the focal length is not determined: {focal:.0f} px is the best fit, with a 1 sigma of {sigma:.2g} px."
+            f"the focal length is not determined: {focal:.0f} px is the best fit, with a 1 sigma of {g2(sigma)} px."
             " Flat markers seen face-on, or small in the picture, show no perspective: tilt the board or come nearer",
             "perspective", focal, sigma,
         )  # fmt: skip

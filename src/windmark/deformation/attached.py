@@ -18,6 +18,7 @@ from windmark.deformation.result import NotIdentified
 from windmark.deformation.sighting import LAW
 from windmark.deformation.solve import Solved, solve
 from windmark.deformation.volumes import Placed, Volumes
+from windmark.errors import g2
 from windmark.geometry import DegenerateGeometry
 from windmark.scene import Doubt
 
@@ -51,7 +52,7 @@ def unattached(solved: Solved) -> tuple[list[Doubt], list[Doubt]]:
         moves = [_motion(s, name, beside) for s in (solved, fixed)]
         far = max(float(np.where(size > BEYOND * sigma, size, 0.0).max(initial=0.0)) for size, sigma in moves)
         lead = price(solved) - price(fixed)
-        there = f" (by {far:.2g} {length_unit(solved.task.volumes)}".rstrip() + " there)" if far else ""
+        there = f" (by {g2(far)} {length_unit(solved.task.volumes)}".rstrip() + " there)" if far else ""
         if lead > LIKELIER:
             words = f"{{}} moves with {{}}{there} and is not attached to it: give it that parent"
         elif far > 0.0 and lead > -LIKELIER:
@@ -59,7 +60,7 @@ def unattached(solved: Solved) -> tuple[list[Doubt], list[Doubt]]:
         else:
             if lead > -LIKELIER:
                 most = max(float((size + TWO * sigma).max(initial=0.0)) for size, sigma in moves)
-                reach = f"{most:.2g} {length_unit(solved.task.volumes)}".rstrip()
+                reach = f"{g2(most)} {length_unit(solved.task.volumes)}".rstrip()
                 words = (f"whether {{}} moves with {{}} would go unnoticed here, where that moves by up to {reach}; "
                          "its sigmas are those of its own law alone")  # fmt: skip
                 unchecked.append(Doubt((name, beside), words, "bent"))

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.deformation.law import Law, LawError
 from windmark.deformation.parameter import Parameter
+from windmark.errors import g3
 
 Array = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
     remarks = []
     off = float(np.linalg.norm(rest - points, axis=1).max())
     if off > 1e-6 * extent:
-        remarks.append(f"{label}: moves points by up to {off:.3g} at its start values")
+        remarks.append(f"{label}: moves points by up to {g3(off)} at its start values")
     by_q = bound.linearise(q)[1]
     if by_q.shape != (*points.shape, len(q)):
         raise LawError(f"{label}: its derivative must be {(*points.shape, len(q))}, got {by_q.shape}")

@@ -15,6 +15,7 @@ from windmark.deformation.moved import candidates, moved, price
 from windmark.deformation.patterns import pattern_of
 from windmark.deformation.result import NotIdentified
 from windmark.deformation.solve import Solved
+from windmark.errors import g2
 from windmark.scene import Doubt
 
 FALSE = 2.5e-4
@@ -76,7 +77,7 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
     if chdtrc(redundancy, chi2) < FALSE:
         scale = chi2 / redundancy
         besides = " besides" if doubts else ""
-        doubts.append(Doubt((), f"residuals are {np.sqrt(scale):.2g} times as large as stated{besides} (sigma0): "
+        doubts.append(Doubt((), f"residuals are {g2(np.sqrt(scale))} times as large as stated{besides} (sigma0): "
                             "spots or the table of markers are less certain, or the laws too simple",
                             "noise"))  # fmt: skip
     return solved, Verdict(scale, pattern.misfit if pattern else None, tuple(doubts), unknown)

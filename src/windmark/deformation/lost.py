@@ -12,6 +12,7 @@ from windmark.adjust import exchanged_pairs
 from windmark.deformation.misfit import length_unit
 from windmark.deformation.sighting import LAW, MOTION, by_place, in_tunnel
 from windmark.deformation.solve import Solved
+from windmark.errors import g2
 from windmark.scene import Doubt
 
 Array = NDArray[np.float64]
@@ -80,7 +81,7 @@ def _elsewhere(solved: Solved) -> list[Doubt]:
         a = (half @ by[n, rows].reshape(-1, 2, 3)).reshape(-1, 3)
         off = np.linalg.lstsq(a, -e, rcond=None)[0]
         if chdtrc(len(e) - 3, float(((e + a @ off) ** 2).sum())) > FALSE:
-            words = f"{{}} is {np.linalg.norm(off):.2g} {unit}".rstrip() + " from where its table has it"
+            words = f"{{}} is {g2(np.linalg.norm(off))} {unit}".rstrip() + " from where its table has it"
             out.append(Doubt((str(task.markers.name[n]),), words, "marker"))
     return out
 

@@ -22,6 +22,7 @@ from windmark.deformation.result import NotIdentified
 from windmark.deformation.setup import Task
 from windmark.deformation.sighting import pose_block
 from windmark.deformation.solve import Solved, solve
+from windmark.errors import g1, g2
 from windmark.geometry import DegenerateGeometry, Pose
 from windmark.scene import Doubt
 
@@ -111,7 +112,7 @@ def _how_far(solved: Solved, name: str) -> str:
     sigma = [np.sqrt(np.maximum(_along(delta[k]) @ own[k, k] @ _along(delta[k]), 0.0)) for k in
              (slice(0, 3), slice(3, 6))]  # fmt: skip
     turn, shift = (float(np.linalg.norm(part)) for part in (delta[:3], delta[3:]))
-    far = f"turned by {np.degrees(turn):.2g} ± {np.degrees(sigma[0]):.1g} deg and moved by {shift:.2g} ± {sigma[1]:.1g}"
+    far = f"turned by {g2(np.degrees(turn))} ± {g1(np.degrees(sigma[0]))} deg and moved by {g2(shift)} ± {g1(sigma[1])}"
     return f"{far} {length_unit(solved.task.volumes)}".rstrip()
 
 

@@ -18,6 +18,7 @@ from windmark.deformation.equations import Added, Equations
 from windmark.deformation.misfit import KINDS, MOST_DEGREE, Misfit, Shapes, carried, length_unit
 from windmark.deformation.sighting import MOTION
 from windmark.deformation.volumes import Placed
+from windmark.errors import g2
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -159,6 +160,6 @@ def _looks(shape: Shapes, kind: str, amount: Array, xyz: Array, names: Texts, un
         v = (xyz - shape.centre) @ shape.axes[1]
         turn = np.degrees(size / np.where(np.abs(v) > 1e-9 * shape.half[1], v, np.inf))
         k = int(np.argmax(np.abs(turn)))
-        return shape.volume, f"twist of {abs(turn[k]):.2g} deg at {names[k]}"
+        return shape.volume, f"twist of {g2(abs(turn[k]))} deg at {names[k]}"
     k = int(np.argmax(np.abs(size)))
-    return shape.volume, f"{kind} of {abs(size[k]):.2g} {unit}".rstrip() + f" at {names[k]}"
+    return shape.volume, f"{kind} of {g2(abs(size[k]))} {unit}".rstrip() + f" at {names[k]}"

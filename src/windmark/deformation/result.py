@@ -13,7 +13,7 @@ from windmark.adjust import SolveReport
 from windmark.deformation.misfit import Misfit
 from windmark.deformation.sighting import LAW, MOTION
 from windmark.deformation.volumes import Placed, Volumes
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2, g3
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
 from windmark.scene import Doubt, Mesh
@@ -35,8 +35,8 @@ CAUSES = {
 def _figures(d: Deformation) -> dict[str, object]:
     sigma = d.sigma
     return {
-        "spots": f"{int(d.used.sum())} of {len(d.used)}", "rms px": f"{d.rms_px:.3g}", "sigma0": f"{d.sigma0:.3g}",
-        **{n: f"{v:.5g} ± {sigma[n]:.2g}" if n in sigma else f"{v:.5g}" for n, v in d.parameters.items()},
+        "spots": f"{int(d.used.sum())} of {len(d.used)}", "rms px": f"{g3(d.rms_px)}", "sigma0": f"{g3(d.sigma0)}",
+        **{n: f"{v:.5g} ± {g2(sigma[n])}" if n in sigma else f"{v:.5g}" for n, v in d.parameters.items()},
         "warnings": "; ".join(d.warnings) or "none", "unchecked": "; ".join(map(str, d.unchecked)) or "nothing",
     }  # fmt: skip
 

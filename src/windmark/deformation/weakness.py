@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.deformation.result import Deformation
 from windmark.deformation.sighting import LAW, MOTION
+from windmark.errors import g2
 from windmark.geometry.rotations import hat
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ def weak_directions(state: Deformation, centre: ArrayLike, *, unit: str = "", le
             preposition = "along" if name == "shift" else "about"
             direction = ", ".join(f"{v:.2f}" for v in along + 0.0)
             out.append(
-                f"the model's {name} {preposition} ({direction}) is known to {sigma[2]:.2g} {of}".rstrip()
+                f"the model's {name} {preposition} ({direction}) is known to {g2(sigma[2])} {of}".rstrip()
                 + f" only, {sigma[2] / sigma[0]:.0f} times less well than across it"
             )
     return (*out, *_mistaken(state, least))

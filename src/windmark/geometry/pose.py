@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import DataError, UsageError
+from windmark.errors import DataError, UsageError, g2
 from windmark.geometry import rotations
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ class Pose:
         error, least_det = _off_orthonormal(r)
         if error > 1e-6 or least_det < 0:
             raise ValueError(
-                f"Pose: rotation must be orthonormal with determinant +1, it is off by {error:.2g}"
+                f"Pose: rotation must be orthonormal with determinant +1, it is off by {g2(error)}"
                 " (a mirrored or scaled matrix is not a rotation)"
             )
         object.__setattr__(self, "rotation", r)

@@ -6,6 +6,7 @@ import io
 import os
 from typing import Any
 
+from windmark.errors import g3
 from windmark.io.errors import FileError, reading
 from windmark.io.text import Pathlike
 
@@ -60,7 +61,7 @@ def check_unpacked(path: Pathlike, needed: int, stored: int, where: str | None =
     stored : bytes that there are for it
     """
     if needed > MOST_UNPACKED + MOST_TIMES * stored:
-        what = f"damaged, or packed beyond belief: {needed / 2**20:.0f} MiB are to come from {stored / 2**20:.3g} MiB"
+        what = f"damaged, or packed beyond belief: {needed / 2**20:.0f} MiB are to come from {g3(stored / 2**20)} MiB"
         raise FileError(path, f"{what}; expected at most 100 times as much (store it uncompressed)", where)
 
 

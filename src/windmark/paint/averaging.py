@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g3
 from windmark.paint.refusal import NotFitted
 
 Array = NDArray[np.float64]
@@ -91,10 +91,10 @@ def average_frames(
         reasons[k] = f"shows {shown[k]} nodes, the others {int(np.median(shown))}"
     light, misfit = _compared(v, var, reasons, free_light)
     for k in np.flatnonzero(light < NO_LIGHT).tolist():
-        reasons[k] = reasons[k] or f"its light is {100 * light[k]:.3g} % of the other frames'"
+        reasons[k] = reasons[k] or f"its light is {g3(100 * light[k])} % of the other frames'"
     light, misfit = _compared(v, var, reasons, free_light)
     for k in _standing_out(reasons, np.log(np.maximum(misfit, 1e-12)), float(np.median(shown))):
-        reasons[k] = f"differs from the others by {misfit[k]:.3g} times its sigma"
+        reasons[k] = f"differs from the others by {g3(misfit[k])} times its sigma"
     used = np.array([not r for r in reasons])
     if not enough(int(used.sum()), frames + lost):
         said = f"average_frames: {int(used.sum())} of {frames + lost} frames agree"

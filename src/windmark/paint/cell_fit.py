@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g3
 from windmark.paint.refusal import NotFitted
 from windmark.paint.stern_volmer import SternVolmer, law_slopes
 
@@ -285,7 +285,7 @@ def _result(table: _Table, found: Mapping[Order, _Candidate], words: Mapping[Ord
         from scipy.special import chdtrc
 
         if float(chdtrc(fit.dof, fit.squares)) < 0.001:
-            said.append(f"the residuals are {sigma0:.3g} times their stated sigmas; the covariance is larger by that")
+            said.append(f"the residuals are {g3(sigma0)} times their stated sigmas; the covariance is larger by that")
     if order[1] == 0 and _levels(table.t) == 1:
         said.append("one temperature alone: the paint's temperature coefficient is not known")
     residuals = table.ratio - law.ratio(table.p, table.t)

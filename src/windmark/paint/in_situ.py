@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g3
 from windmark.paint.modes import NodeField
 from windmark.paint.refusal import NotFitted
 from windmark.paint.tap_fit import TapFit, fit_taps, leave_one_out
@@ -191,7 +191,7 @@ def _trouble(fit: TapFit, x: NodeField, centre: float, scale: float, free: str) 
         return "the taps' pressures do not rise with what the paint shows: wrong taps, or their order exchanged"
     if mean_sigma > UNSURE * mean:
         return ("the taps' pressures do not spread enough for a slope (its sigma is "
-                f"{100 * mean_sigma / mean:.3g} % of it); free = \"offset\" keeps the a-priori one")  # fmt: skip
+                f"{g3(100 * mean_sigma / mean)} % of it); free = \"offset\" keeps the a-priori one")  # fmt: skip
     if not (slope > 0).all():
         return "the polynomial does not rise all the way between the taps: a lower order"
     if (sigma > UNSURE * mean).any() and len(fit.coefficients) > 2:
@@ -206,7 +206,7 @@ def _result(names: Sequence[str], fit: TapFit, x: NodeField, have: Mask, centre:
     loo = leave_one_out(fit)
     words = []
     if fit.scatter > 0:
-        words.append(f"taps and paint differ by {fit.scatter:.3g} {unit} beyond their sigmas; all sigmas contain it")
+        words.append(f"taps and paint differ by {g3(fit.scatter)} {unit} beyond their sigmas; all sigmas contain it")
     if blocked:
         words.append("taps that do not count: " + "; ".join(f"{k} ({v})" for k, v in blocked.items()))
     seen = x.value[fit.used]

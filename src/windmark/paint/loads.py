@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import DataError, UsageError
+from windmark.errors import DataError, UsageError, g3
 from windmark.paint.axes import COEFFICIENTS, LoadReference
 from windmark.paint.carry import Carried, carried
 from windmark.paint.filling import fill_smoothly
@@ -132,12 +132,12 @@ def integrate_loads(
 
 def _as_loads(names: tuple[str, ...], rows: list[Carried], unseen: Array, filled: Array, opening: Array, closed: Mask
               ) -> Loads:  # fmt: skip
-    words = [f"{n}: {100 * u:.3g} % of its area was not seen; filled in from what was" for n, u in
+    words = [f"{n}: {g3(100 * u)} % of its area was not seen; filled in from what was" for n, u in
              zip(names, unseen, strict=True) if u > 0]  # fmt: skip
     for n, o in ((n, o) for n, o, c in zip(names, opening, closed, strict=True) if not c):
         size = float(np.linalg.norm(o))
         along = ", ".join(f"{x:.2f}" for x in o / max(size, 1e-300))
-        words.append(f"{n}: its surface is open ({100 * size:.3g} % of its area, along {along}): its loads are those "
+        words.append(f"{n}: its surface is open ({g3(100 * size)} % of its area, along {along}): its loads are those "
                      "against p_inf")  # fmt: skip
     return Loads(
         names, np.stack([r.value for r in rows]), np.stack([r.sigma for r in rows]), np.stack([r.cov for r in rows]),
@@ -170,8 +170,8 @@ def _completed(mesh: Mesh, cp: NodeField, names: Sequence[str], surface: Surface
         shares.append(share)
         if share > 1 - least:
             raise DataError(
-                f"integrate_loads: only {100 * (1 - share):.3g} % of the area of {name} has a value; expected at least "
-                f"{100 * least:.3g} %"
+                f"integrate_loads: only {g3(100 * (1 - share))} % of the area of {name} has a value; expected at least "
+                f"{g3(100 * least)} %"
             )
         nodes = np.zeros(len(cp), bool)
         nodes[mesh.triangles[own].ravel()] = True

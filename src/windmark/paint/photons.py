@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g3
 from windmark.paint.refusal import NotFitted
 
 Array = NDArray[np.float64]
@@ -159,7 +159,7 @@ def _fitted(levels: Array, variances: Array, number: Array, light: Array, least:
     if not gain > 0 or unsure > UNSURE * gain:
         return NotFitted(
             "photon_transfer: the picture's levels do not spread enough to tell photons from reading "
-            f"({levels.min():.4g} to {levels.max():.4g}): gain {gain:.3g} +- {unsure:.3g}",
+            f"({levels.min():.4g} to {levels.max():.4g}): gain {g3(gain)} +- {g3(unsure)}",
             {"gain": gain, "sigma": unsure},
         )
     return PhotonTransfer(gain, max(read, least), np.asarray(cov), levels, variances, light, misfit)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import DataError, UsageError
+from windmark.errors import DataError, UsageError, g3
 from windmark.paint.form_factors import FormFactors
 from windmark.paint.modes import NodeField
 
@@ -42,8 +42,8 @@ class SelfIllumination:
     def __str__(self) -> str:
         at = f", at node {self.node}" if self.node >= 0 else ""
         part = 100 * self.guessed
-        unseen = f"; {part:.3g} % of the surface was not seen and taken as the mean" if self.guessed else ""
-        return f"self-illumination: at most {100 * self.largest:.3g} % of the light{at}{unseen}"
+        unseen = f"; {g3(part)} % of the surface was not seen and taken as the mean" if self.guessed else ""
+        return f"self-illumination: at most {g3(100 * self.largest)} % of the light{at}{unseen}"
 
 
 def remove_self_illumination(

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import DataError, UsageError
+from windmark.errors import DataError, UsageError, g3
 from windmark.paint.axes import LoadReference
 from windmark.paint.carry import carried
 from windmark.paint.modes import NodeField, interpolated
@@ -168,7 +168,7 @@ def span_loading(
         chord.append(profile.chord)
         unseen.append(missing)
         if missing > most_unseen:
-            words.append(f"section {k + 1}: {100 * missing:.3g} % of the cut was not seen; no loads")
+            words.append(f"section {k + 1}: {g3(100 * missing)} % of the cut was not seen; no loads")
     if not rows:
         raise UsageError("span_loading: expected at least one cut")
     good = np.array(unseen) <= most_unseen

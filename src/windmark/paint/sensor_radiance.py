@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g3
 from windmark.paint.refusal import NotFitted
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def fit_sensor_radiance(
     span = float(np.ptp(t)) if len(t) else 0.0
     if len(np.unique(t)) < LEAST_ROWS or span < SPREAD:
         return NotFitted(
-            f"{len(np.unique(t))} black bodies over {span:.3g} K say no law of three numbers; {LEAST_ROWS} over "
+            f"{len(np.unique(t))} black bodies over {g3(span)} K say no law of three numbers; {LEAST_ROWS} over "
             f"{SPREAD:g} K are needed"
         )
     if not (t > 0).all() or np.polyfit(t, s, 1)[0] <= 0:

@@ -16,6 +16,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g3
 from windmark.paint.modes import NodeField
 
 Array = NDArray[np.float64]
@@ -108,7 +109,7 @@ def fit_taps(p: Array, sigma: Array, x: NodeField, have: Mask, centre: float, sc
     residuals = np.where(have, p - powers @ coefficients, np.nan)
     used = np.zeros(len(p), bool)
     used[of] = True
-    reasons = {int(k): f"{residuals[k]:+.4g} off, by {tests[k]:.3g} sigma" for k in candidates.tolist() if not used[k]}
+    reasons = {int(k): f"{residuals[k]:+.4g} off, by {g3(tests[k])} sigma" for k in candidates.tolist() if not used[k]}
     return TapFit(coefficients, cov, used, residuals, reasons, scatter, response, taps.slope(coefficients)[of],
                   design, total, float(np.sqrt(np.mean(np.diag(taps.covariance(of, coefficients, 0.0))))))  # fmt: skip
 

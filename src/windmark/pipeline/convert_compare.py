@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2, g3
 from windmark.io import GridFile
 from windmark.scene import Mesh
 
@@ -42,7 +43,7 @@ class Difference:
         if self.largest == 0:
             return "every coordinate is the same bit for bit"
         steps = self.relative / SINGLE_STEP
-        return f"nodes moved by {self.largest:.2g} at most, {steps:.2g} of single precision's step"
+        return f"nodes moved by {g2(self.largest)} at most, {g2(steps)} of single precision's step"
 
 
 def compare(meant: GridFile, again: GridFile) -> Difference:
@@ -62,7 +63,7 @@ def compare(meant: GridFile, again: GridFile) -> Difference:
             nodes = np.linalg.norm(a.vertices[used] - b.vertices[used], axis=1).max(initial=0.0)
         off = max(off, float(nodes)) if nodes <= _TOLERANCE * size else off
     relative = off / size if size else 0.0
-    problem = "" if relative <= _TOLERANCE else f"read back, a corner of a triangle is off by {off:.3g}"
+    problem = "" if relative <= _TOLERANCE else f"read back, a corner of a triangle is off by {g3(off)}"
     return Difference(off, relative, turned, tuple(_lost(meant, again, turned)), problem)
 
 
@@ -132,7 +133,7 @@ def _rounded(name: str, values: NDArray[np.floating], read: NDArray[np.floating]
     size = np.abs(values[good]).max(initial=0.0)
     if off <= 1e-12 * size:
         return ""
-    return f"digits of {name} (off by {off:.2g} at most, values up to {size:.3g})"
+    return f"digits of {name} (off by {g2(off)} at most, values up to {g3(size)})"
 
 
 def _named(names: list[str]) -> str:

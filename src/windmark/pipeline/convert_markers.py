@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from windmark import io
+from windmark.errors import g3
 from windmark.pipeline.convert_units import scale_to, source_unit
 from windmark.scene import MarkerSet
 
@@ -92,5 +93,5 @@ def _compared(target: Path, meant: MarkerSet, again: MarkerSet) -> tuple[list[st
         raise io.FileError(target, "read back it lacks radii or normals; so it was not written")
     off = max(float(np.nanmax(np.abs(a - b), initial=0.0)) for a, b in pairs)
     if off > 1e-9 * max(1.0, float(np.abs(meant.xyz).max())):
-        raise io.FileError(target, f"read back, a number is off by {off:.3g}; so it was not written")
+        raise io.FileError(target, f"read back, a number is off by {g3(off)}; so it was not written")
     return lost, off

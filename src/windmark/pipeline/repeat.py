@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2
 from windmark.io.manifest import _versions, file_hash, read_manifest, unchanged
 
 SAME = 1e-6
@@ -219,6 +220,6 @@ def _far(old: float | None, new: float | None, sigma: float | None) -> float:
 
 def _sigmas(old: Any, new: Any, sigma: float | None) -> str:
     try:
-        return "" if not sigma else f" ({abs(float(new) - float(old)) / sigma:.2g} sigma)"
+        return "" if not sigma else f" ({g2(abs(float(new) - float(old)) / sigma)} sigma)"
     except ValueError:
         return ""

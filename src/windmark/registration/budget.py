@@ -7,6 +7,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2
 from windmark.geometry import Camera, Pose
 from windmark.geometry._p3p_kernels import p3p_batch_kernel
 from windmark.registration._kernels.evidence import log10_nfa
@@ -92,7 +93,7 @@ class Budget:
         if self.seconds is not None and (self.out_of_time or self.spent <= self.max_work):
             return f"stopped after max_time_s = {self.seconds:g} s"
         return (
-            f"stopped after the work of {self.max_work / PER_SECOND:.2g} s on a quiet machine (a larger max_time_s "
+            f"stopped after the work of {g2(self.max_work / PER_SECOND)} s on a quiet machine (a larger max_time_s "
             "lets it do more)"
         )
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2, g3
 from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
 
@@ -57,11 +58,11 @@ class WeakDirection:
         parts = []
         for motion, sigma, relative in zip(self.motions, self.sigma, self.relative, strict=True):
             if motion.startswith("rotation"):
-                parts.append(f"{motion}: {np.degrees(sigma):.2g} deg (1 sigma)")
+                parts.append(f"{motion}: {g2(np.degrees(sigma))} deg (1 sigma)")
             elif motion == "focal length":
-                parts.append(f"{motion}: {sigma:.3g} px (1 sigma), {100 * relative:.2g} %")
+                parts.append(f"{motion}: {g3(sigma)} px (1 sigma), {g2(100 * relative)} %")
             else:
-                parts.append(f"{motion}: {sigma:.3g} {unit} (1 sigma), {100 * relative:.2g} % of the distance")
+                parts.append(f"{motion}: {g3(sigma)} {unit} (1 sigma), {g2(100 * relative)} % of the distance")
         return " together with ".join(parts)
 
 

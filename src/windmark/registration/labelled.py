@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust import PoseEstimate, refine_pose
-from windmark.errors import DataError
+from windmark.errors import DataError, g3
 from windmark.geometry import Camera, DegenerateGeometry, Pose, p3p
 from windmark.registration.task import with_focal
 
@@ -157,7 +157,7 @@ def _clear_best(found: list[PoseEstimate]) -> PoseEstimate:
         if not same and angle > 0.1 and other.report.final_cost - best.report.final_cost < CLEAR * scale:
             raise DegenerateGeometry(
                 f"pose_from_labels: two poses {angle:.1f} degrees apart fit equally well "
-                f"({best.rms_px:.3g} and {other.rms_px:.3g} px), as for a small flat set of markers under a long lens",
+                f"({g3(best.rms_px)} and {g3(other.rms_px)} px), as for a small flat set of markers under a long lens",
                 ("rotation_x", "rotation_y"),
             )
     return best

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2
 from windmark.geometry import Camera, Pose
 from windmark.options.registration import MAX_DEFORMATION, MAX_TABLE_ERROR, METHOD, PRIOR_MAX_ANGLE_DEG, PRIOR_MAX_SCALE
 from windmark.registration.options import check_options, default_tolerance
@@ -306,7 +306,7 @@ def _refuse_early(tasks: list[Task], markers: MarkerSet, layout: Layout | None) 
     worst = max(float(task.cov.max()) for task in tasks if len(task.xy))
     if all(width < ON_LINE_PX + np.sqrt(worst) for width in widths):
         if len(tasks) == 1:
-            return f"all {most} spots lie on one line (within {widths[0]:.2g} px)", "degenerate"
+            return f"all {most} spots lie on one line (within {g2(widths[0])} px)", "degenerate"
         return "the spots of every image lie on one line", "degenerate"
     if layout.on_line if layout is not None else on_line(markers.xyz):
         return f"all {len(markers)} markers lie on one line", "degenerate"

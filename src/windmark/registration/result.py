@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust import SolveReport
+from windmark.errors import g2, g3
 from windmark.geometry import Camera, Pose
 from windmark.registration.cached import cached_property
 from windmark.registration.directions import WeakDirection, weak_directions
@@ -29,6 +30,7 @@ CAUSES = {
     "focal": "the focal length is not determined by this view",
     "wrong_focal": "the given focal length does not fit",
     "wrong_camera": "the given camera does not fit: its principal point, aspect, lens, or place in the rig",
+    "exchanged": "two cameras of the rig are in each other's place",
     "mirrored": "the mirror image of the table fits the picture, the table does not",
     "one_pair": "a single pair holds the pose",
     "discs": "the table's radii or normals contradict the picture",
@@ -38,7 +40,7 @@ CAUSES = {
 """Every cause of a `NotRegistered`, in words."""
 Cause = Literal[
     "too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "wrong_focal", "wrong_camera",
-    "mirrored", "one_pair", "discs", "labels", "time",
+    "exchanged", "mirrored", "one_pair", "discs", "labels", "time",
 ]  # fmt: skip
 
 
@@ -132,8 +134,8 @@ class _Found:
 def _figures(r: Registration) -> dict[str, object]:
     pov = r.cam_from_model.to_pov()
     return {
-        "markers": f"{len(r.matching)} of {r.n_expected}", "rms px": f"{r.rms_px:.3g}",
-        "excess px": f"{r.excess_px:.2g}", "log10_nfa": f"{r.log10_nfa:.0f}",
+        "markers": f"{len(r.matching)} of {r.n_expected}", "rms px": f"{g3(r.rms_px)}",
+        "excess px": f"{g2(r.excess_px)}", "log10_nfa": f"{r.log10_nfa:.0f}",
         "rx, ry, rz deg": f"{pov.rx_deg:.3f}, {pov.ry_deg:.3f}, {pov.rz_deg:.3f}",
         "dx, dy, dz": f"{pov.dx:.5g}, {pov.dy:.5g}, {pov.dz:.5g}", "focal px": f"{r.camera.focal_px:.2f}",
         "weak": "; ".join(w.words() for w in r.weak) or "nothing",
@@ -236,7 +238,7 @@ class Registration(_Found):
 
 @described(lambda r: {
     "markers": ", ".join(f"{n} of {m}" for n, m in zip(r.counts, r.n_expected, strict=True)),
-    "rms px": f"{r.rms_px:.3g}", "log10_nfa": f"{r.log10_nfa:.0f}",
+    "rms px": f"{g3(r.rms_px)}", "log10_nfa": f"{r.log10_nfa:.0f}",
 })  # fmt: skip
 @dataclass(frozen=True, kw_only=True)
 class RigRegistration(_Found):

@@ -40,7 +40,7 @@ WINDOW = 60.0
 """Candidates whose search score (nats) is this much below the best are no rivals."""
 WORTH_CARRYING = 25.0
 """Search score (nats) of one camera's candidate from which the other cameras are asked at once."""
-CLEAR = ("focal", "wrong_focal", "wrong_camera", "mirrored")
+CLEAR = ("focal", "wrong_focal", "wrong_camera", "exchanged", "mirrored")
 """Causes that no better candidate would change; one that has the given labels may come late."""
 LENS_STARTS, OTHER_FOCAL = 4, 0.005
 """How often a search is begun with the lens at another focal length, and how much (relative) that must differ."""

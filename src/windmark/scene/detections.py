@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.errors import g2, g3
 from windmark.scene.shown import described, pandas_table
 
 Array = NDArray[np.float64]
@@ -19,7 +20,7 @@ def _figures(d: Detections) -> dict[str, object]:
         return {"spots": 0}
     sigma = np.sqrt(np.median(np.trace(d.cov, axis1=1, axis2=2) / 2))
     return {
-        "spots": len(d), "median radius px": f"{np.median(d.radius_px):.3g}", "median sigma px": f"{sigma:.2g}",
+        "spots": len(d), "median radius px": f"{g3(np.median(d.radius_px))}", "median sigma px": f"{g2(sigma)}",
         "flagged": int((d.flags != 0).sum()),
     }  # fmt: skip
 

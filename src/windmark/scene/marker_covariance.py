@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g3
 from windmark.scene.markers import MarkerSet
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ class MarkerCovariance:
         if least < -ROUNDING * n:
             raise UsageError(
                 "MarkerCovariance: cov must be positive semidefinite: no errors can be correlated so; the smallest "
-                f"eigenvalue of the correlations is {least:.3g}, expected 0 or more"
+                f"eigenvalue of the correlations is {g3(least)}, expected 0 or more"
             )
         object.__setattr__(self, "cov", (cov + cov.T) / 2)
 

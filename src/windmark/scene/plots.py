@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from windmark.errors import g2
+
 LONGEST = 0.05
 """The longest arrow, as part of the longer side of what is shown."""
 
@@ -56,7 +58,7 @@ def arrows(ax: Any, xy: ArrayLike, delta: ArrayLike, color: str = "tab:red") -> 
         places[:, 0], places[:, 1], factor * steps[:, 0], factor * steps[:, 1],
         color=color, angles="xy", scale_units="xy", scale=1.0, width=0.003,
     )  # fmt: skip
-    ax.set_title(f"residuals x {factor:g}, the longest is {longest:.2g} px")
+    ax.set_title(f"residuals x {factor:g}, the longest is {g2(longest)} px")
 
 
 def ellipses(ax: Any, xy: ArrayLike, axes_px: ArrayLike, angle: ArrayLike, color: str) -> None:

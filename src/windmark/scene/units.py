@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g3
+
 Array = NDArray[np.float64]
 
 IN_MM = {"in": 25.4, "ft": 304.8, "mm": 1.0, "cm": 10.0, "m": 1000.0}
@@ -68,4 +70,4 @@ def radii_words(ratio: float, place_unit: str = "") -> str:
         likely = f": radii in {radii} beside places in {places}?"
     elif not likely:
         likely = "; another unit, or something else than radii?"
-    return f"the table's radii are {factor:.3g} times too {small} for the imaged markers{likely}"
+    return f"the table's radii are {g3(factor)} times too {small} for the imaged markers{likely}"

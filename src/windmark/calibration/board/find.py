@@ -18,7 +18,7 @@ from windmark.calibration.board.grow import Lattice, grow
 from windmark.calibration.board.place import Placed, place
 from windmark.calibration.board.seeds import NEAR, find_seeds
 from windmark.calibration.board.view import BoardNotFound, BoardView, check_layout
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2
 from windmark.scene import Detections
 
 Array = NDArray[np.float64]
@@ -129,7 +129,7 @@ def _found(xy: Array, radius: Array | None, asked: _Asked) -> BoardView | BoardN
     nfa = _log10_nfa(lattice, tree)
     if len(spots) < MIN_DOTS or not nfa < MAX_LOG10_NFA:
         return BoardNotFound(
-            f"the largest lattice has {len(spots)} dots; chance would make {10 ** min(nfa, 9):.2g} such of these spots",
+            f"the largest lattice has {len(spots)} dots; chance would make {g2(10 ** min(nfa, 9))} such of these spots",
             "weak", len(spots),
         )  # fmt: skip
     frame = Frame.of(xy, asked.size_px)

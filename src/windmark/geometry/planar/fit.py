@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2
 from windmark.geometry.errors import DegenerateGeometry
 from windmark.geometry.planar import bases
 from windmark.geometry.planar.spline import fit_spline
@@ -193,6 +193,6 @@ def _check_spread(kind: str, u: Array, length: float) -> None:
     size = np.linalg.svd(u - u.mean(axis=0), compute_uv=False) / np.sqrt(len(u))
     if kind != "similarity" and size[1] < FLAT * size[0]:
         raise DegenerateGeometry(
-            f"{kind} is not determined: the markers lie within {size[1] * length:.2g} px (1 sigma) of a line, "
+            f"{kind} is not determined: the markers lie within {g2(size[1] * length)} px (1 sigma) of a line, "
             f"{size[0] * length:.0f} px long; markers off that line are needed"
         )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from windmark.errors import g2, g3
 from windmark.geometry.pose import Pose
 from windmark.geometry.two_view.candidates import GATE_LINE, GATE_POINT
 from windmark.geometry.two_view.choice import chance_at_point, chance_on_line
@@ -46,7 +47,7 @@ def rotation_view(found: Candidate[Array], pairs: Pairs, known: bool) -> TwoView
         "rotation",
         inliers,
         np.sqrt(squares),
-        f"no baseline: a rotation alone explains the pairs (parallax {parallax:.3g} deg, its sigma {sigma:.2g} deg)",
+        f"no baseline: a rotation alone explains the pairs (parallax {g3(parallax)} deg, its sigma {g2(sigma)} deg)",
         ("baseline", "depth"),
         rotation=rotation,
         cov=inverse_normal("rotation", normal, ("rotation",)) * _scale(s0, known),
@@ -182,8 +183,8 @@ def _with_weakness(view: TwoView) -> TwoView:
     if not weak:
         return view
     words = (
-        f"tiny baseline: parallax {view.parallax_deg:.3g} deg, its sigma {view.parallax_sigma_deg:.2g} deg; "
-        f"direction of the baseline +- {direction:.2g} deg"
+        f"tiny baseline: parallax {g3(view.parallax_deg)} deg, its sigma {g2(view.parallax_sigma_deg)} deg; "
+        f"direction of the baseline +- {g2(direction)} deg"
     )
     return replace(view, weak=(*view.weak, *weak), reason="; ".join(r for r in (view.reason, words) if r))
 

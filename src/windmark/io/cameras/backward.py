@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import DataError
+from windmark.errors import DataError, g2
 from windmark.geometry import PARAMETERS, Camera
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Refit:
     max_px: float
 
     def __str__(self) -> str:
-        return f"RMS {self.rms_px:.2g} px, largest {self.max_px:.2g} px over the sensor"
+        return f"RMS {g2(self.rms_px)} px, largest {g2(self.max_px)} px over the sensor"
 
 
 def forward_camera(backward: BackwardCamera) -> tuple[Camera, Refit]:

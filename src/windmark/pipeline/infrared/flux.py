@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g3
 from windmark.io.atomic import atomic_path
 from windmark.paint import FluxOperator, NodeField, before_start, flux_operator, lateral_conductance, node_laplacian
 from windmark.pipeline.infrared.load import InfraredRun
@@ -117,7 +118,7 @@ def risen_before(run: InfraredRun, store: Store, frames: Sequence[int]) -> str:
     by_chance = 1.25 * float(np.sqrt(np.median((first.field.white + last.field.white)[on]) / on.sum()))
     if abs(rise) < max(EARLY * abs(total), 3 * by_chance):
         return ""
-    return (f"the temperature rises by {rise:.3g} K (median) before heat.start_s, {total:.3g} K in all: the heating "
+    return (f"the temperature rises by {g3(rise)} K (median) before heat.start_s, {g3(total)} K in all: the heating "
             "began earlier, or a camera drifts, and heat flux is wrong by such a part")  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.compiling import working_time
-from windmark.errors import DataError
+from windmark.errors import DataError, g3
 from windmark.io import FileError
 from windmark.paint import dominant
 from windmark.pipeline.deform.followed import Followed
@@ -81,7 +81,7 @@ def _saturated(run: InfraredRun, images: FrameImages) -> list[str]:
         except FileError:
             continue  # said already
         if (share := float(full.mean())) > run.project.sampling.max_saturated:
-            out.append(f"{name}: {100 * share:.3g} % of its pixels are saturated")
+            out.append(f"{name}: {g3(100 * share)} % of its pixels are saturated")
     return out
 
 
@@ -94,7 +94,7 @@ def _refused(run: InfraredRun, name: str, of: CameraTemperature, remarks: list[s
         return True
     full = float(np.mean((of.flags[shown] & SATURATED) > 0))
     if full > run.project.sampling.max_saturated:
-        remarks.append(f"{name}: {100 * full:.3g} % of the nodes that it shows are saturated or on pixels that do not "
+        remarks.append(f"{name}: {g3(100 * full)} % of the nodes that it shows are saturated or on pixels that do not "
                        f"count; at most {100 * run.project.sampling.max_saturated:g} % may be")  # fmt: skip
         return True
     lost = shown & ~of.field.known

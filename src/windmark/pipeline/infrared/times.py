@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.errors import g3
 from windmark.paint import Wall, before_start
 from windmark.pipeline.deform.frames import FrameTable
 from windmark.pipeline.deform.timeline import Timeline
@@ -75,8 +76,8 @@ def _check_walls(project: InfraredProject, since: Array, walls: list[Wall]) -> N
         if (fourier > LATE_FOURIER).all():
             thin = float(since[0] * LATE_FOURIER / fourier[0])
             raise io.FileError(
-                project.path, f"the back of this semi-infinite wall is felt from {thin:.3g} s after the start (Fourier "
-                f'number {LATE_FOURIER:g}), the first frame is {since[0]:.3g} s after it; expected back = "adiabatic" '
+                project.path, f"the back of this semi-infinite wall is felt from {g3(thin)} s after the start (Fourier "
+                f'number {LATE_FOURIER:g}), the first frame is {g3(since[0])} s after it; expected back = "adiabatic" '
                 'or "isothermal", a thicker wall, or earlier frames', f"wall[{k}].back",
             )  # fmt: skip
 
@@ -90,6 +91,6 @@ def _gaps(times: Array) -> list[str]:
         return []
     k = int(long[np.argmax(spacing[long])])
     return [
-        f"{len(long)} pauses between frames are longer than 3 times the usual {usual:.3g} s, the longest "
-        f"{spacing[k]:.3g} s before {times[k + 1]:g} s: the temperature is taken as straight across them"
+        f"{len(long)} pauses between frames are longer than 3 times the usual {g3(usual)} s, the longest "
+        f"{g3(spacing[k])} s before {times[k + 1]:g} s: the temperature is taken as straight across them"
     ]

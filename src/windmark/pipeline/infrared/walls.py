@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g3
 from windmark.paint import Layer, Wall
 from windmark.pipeline.project_entries import Positive
 from windmark.pipeline.settings import Strict
@@ -33,7 +33,7 @@ class LayerEntry(Strict):
                                          ("effusivity", layer.effusivity, EFFUSIVITY)):  # fmt: skip
             if not low <= value <= high:
                 raise UsageError(
-                    f"its {what} is {value:.3g} in SI units, of solids it is {low:g} to {high:g}: conductivity, "
+                    f"its {what} is {g3(value)} in SI units, of solids it is {low:g} to {high:g}: conductivity, "
                     "density or heat is in another unit than its key says"
                 )
         return self

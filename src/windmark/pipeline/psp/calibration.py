@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from windmark import io
-from windmark.errors import UsageError, WindmarkError
+from windmark.errors import UsageError, WindmarkError, g3
 from windmark.paint import PaintFit, SternVolmer, TemperaturePaint, TunnelGain
 from windmark.paint.modes import principal_axes
 from windmark.pipeline.project_entries import Finite, Positive
@@ -47,8 +47,8 @@ class PaintCalibration:
         if isinstance(law, TunnelGain):
             return (f"the tunnel's gain form; steady pressures of {p} {law.pressure_unit}, {t} {law.temperature_unit}"
                     f"{', taken as exact' if law.cov is None else ''}")  # fmt: skip
-        return (f"order {law.order[0]} in pressure, {law.order[1]} in temperature, RMS {self.rms:.3g}, cross-validated "
-                f"{self.cv_rms:.3g}; {p} Pa, {t} K")  # fmt: skip
+        return (f"order {law.order[0]} in pressure, {law.order[1]} in temperature, RMS {g3(self.rms)}, cross-validated "
+                f"{g3(self.cv_rms)}; {p} Pa, {t} K")  # fmt: skip
 
     def record(self) -> dict[str, Any]:
         """Its figures."""

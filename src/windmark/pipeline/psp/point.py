@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.compiling import working_time
-from windmark.errors import DataError, WindmarkError
+from windmark.errors import DataError, WindmarkError, g2, g3
 from windmark.paint import LoadReference, TunnelConditions, TunnelGain
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
@@ -88,10 +88,10 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     said = [*row.remarks, *wall.remarks, *about]
     if not np.isfinite(stream.mach):
         said.append(f"no Mach number is given to test the pressures by: p_inf and q_inf are those of Mach "
-                    f"{mach_of(stream):.3g}")  # fmt: skip
+                    f"{g3(mach_of(stream))}")  # fmt: skip
     if (flicker := test.project.radiometry.lamp_flicker) is not None and ratio.flicker > flicker:
-        said.append(f"the lamps flicker by {100 * ratio.flicker:.2g} % from picture to picture, which counts, and by "
-                    f"{100 * flicker:.2g} % by radiometry.lamp_flicker")  # fmt: skip
+        said.append(f"the lamps flicker by {g2(100 * ratio.flicker)} % from picture to picture, which counts, and by "
+                    f"{g2(100 * flicker)} % by radiometry.lamp_flicker")  # fmt: skip
     if ratio.self_lit is not None:
         said.append(str(ratio.self_lit))
     reduced = replace(reduced, remarks=(*reduced.remarks, *said))

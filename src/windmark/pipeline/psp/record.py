@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.paint import COEFFICIENTS, InSitu, dominant
+from windmark.pipeline.alike import alike
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.psp.point import PointOutcome
 from windmark.pipeline.psp.table import PointRow
@@ -154,16 +154,6 @@ def load_columns(records: list[PointRecord]) -> dict[str, NDArray]:
     return out
 
 
-NUMBER = re.compile(r"(?<![\w.-])[-+]?[0-9][0-9.]*(e[-+]?[0-9]+)?(?![\w-])")
-"""A number that stands alone: not one in the name of a picture, a tap, a section."""
-
-
 def grouped(records: Sequence[PointRecord]) -> dict[str, list[str]]:
     """What is to be said of points -> their names; numbers that differ from point to point are those of the first."""
-    first: dict[str, str] = {}
-    of: dict[str, list[str]] = {}
-    for r in records:
-        for remark in dict.fromkeys(r.remarks):
-            alike = NUMBER.sub("#", remark)
-            of.setdefault(first.setdefault(alike, remark), []).append(r.name)
-    return {remark: list(dict.fromkeys(names)) for remark, names in of.items()}
+    return alike((r.name, remark) for r in records for remark in r.remarks)

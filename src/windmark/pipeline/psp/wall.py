@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from windmark import io
-from windmark.errors import DataError
+from windmark.errors import DataError, g2
 from windmark.paint import NodeField, given_temperature
 from windmark.paint.stern_volmer import TEMPERATURE_OUTSIDE
 from windmark.pipeline.psp.entries import POINT
@@ -123,6 +123,6 @@ def _by_paint(test: PspTest, row: PointRow, by_paint: MergedRatio) -> Wall:
                         "table of points)")  # fmt: skip
     found, flags = law.temperature_map(by_paint.ratio, t_off=row.t_off, cause=PAINT)
     beyond = float(np.mean((flags[found.known] & TEMPERATURE_OUTSIDE) > 0)) if found.known.any() else 0.0
-    words = [f"{100 * beyond:.2g} % of the nodes lie outside the temperature paint's calibration"] if beyond > 0 else []
+    words = [f"{g2(100 * beyond)} % of the nodes lie outside the temperature paint's calibration"] if beyond > 0 else []
     words += [f"{name} does not count: {why}" for name, why in by_paint.left_out.items()]
     return Wall(as_one_cause(found, PAINT, 4, keep=REFERENCE), tuple(words))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import windmark
 from windmark import io
 from windmark.calibration import Calibration
+from windmark.errors import g3
 from windmark.geometry import PARAMETERS
 from windmark.pipeline.calibrate.outputs import match_columns, sigma_rms, write_network
 from windmark.scene import Detections, MarkerSet
@@ -62,9 +63,9 @@ def primary_sigma_words(primary: MarkerSet, unit: str) -> list[str]:
     none = ~np.isfinite(primary.sigma).all(axis=1)
     extent = float(np.linalg.norm(np.ptp(primary.xyz, axis=0)))
     own = primary.sigma[np.isfinite(primary.sigma)]
-    table = f"held with the sigma of their table ({own.min():.3g} to {own.max():.3g} {unit})" if len(own) else ""
+    table = f"held with the sigma of their table ({g3(own.min())} to {g3(own.max())} {unit})" if len(own) else ""
     default = (
-        f"held with 1 sigma of {default_sigma(primary):.3g} {unit} per coordinate, {PRIMARY_SIGMA:g} of their extent "
+        f"held with 1 sigma of {g3(default_sigma(primary))} {unit} per coordinate, {PRIMARY_SIGMA:g} of their extent "
         f"of {extent:.4g} {unit}: their table gives none"
     )
     if none.all():

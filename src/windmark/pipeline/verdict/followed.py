@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from windmark.errors import g1, g2
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.network import as_finding
 from windmark.pipeline.verdict.picture import series_blur
-from windmark.pipeline.verdict.registered import camera_at_fault, one_digit
+from windmark.pipeline.verdict.registered import camera_at_fault
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 
 
@@ -70,7 +71,7 @@ def _odd_markers(instants: Sequence[Followed], unit: str) -> list[Finding]:
         Finding(
             DOUBTFUL,
             "marker",
-            f"{marker}{more} is {px:.2g} px (about {one_digit(length)} {unit}) from where its table has it and takes "
+            f"{marker}{more} is {g2(px)} px (about {g1(length)} {unit}) from where its table has it and takes "
             f"no part ({camera}, {next(iter(of))}{_more(len(of))})",
             "measure this marker again, or exchange the names if two of them are swapped",
         )

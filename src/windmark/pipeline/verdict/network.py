@@ -9,6 +9,7 @@ import numpy as np
 
 from windmark.calibration import Calibration, NotCalibrated
 from windmark.calibration.quality import residual_map
+from windmark.errors import g2
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.picture import series_blur
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
@@ -78,7 +79,7 @@ def calibrate_verdict(
             Finding(
                 DOUBTFUL,
                 "lens",
-                f"two halves of the pictures differ {done.halves.ratio:.2g} times as much as their covariances say",
+                f"two halves of the pictures differ {g2(done.halves.ratio)} times as much as their covariances say",
                 "trust the sigmas only times this number; more lens parameters (k3, tilts) may help",
             )
         )
@@ -143,7 +144,7 @@ def network_findings(result: Calibration) -> list[Finding]:
             Finding(
                 DOUBTFUL,
                 "noise",
-                f"residuals of {result.rms_px:.2g} px RMS are {result.sigma0:.2g} times what the marks' sigmas say",
+                f"residuals of {g2(result.rms_px)} px RMS are {g2(result.sigma0)} times what the marks' sigmas say",
                 "look at the residual map for a pattern; give the marks their true sigma",
             )
         )
@@ -171,7 +172,7 @@ def _pattern(result: Calibration) -> list[Finding]:
                 Finding(
                     DOUBTFUL,
                     "lens",
-                    f"{name}: mean residuals over the sensor are {of_map.excess:.2g} times what noise would "
+                    f"{name}: mean residuals over the sensor are {g2(of_map.excess)} times what noise would "
                     "leave: the lens model misses something",
                     "free k3 or the sensor's tilt (--free)",
                 )
@@ -189,7 +190,7 @@ def _weak(result: Calibration) -> list[Finding]:
                 Finding(
                     DOUBTFUL,
                     "weak",
-                    f"{name}: the focal length is known to {100 * relative:.2g} % (1 sigma) only",
+                    f"{name}: the focal length is known to {g2(100 * relative)} % (1 sigma) only",
                     "add pictures that are tilted by 30 deg and more, from several distances",
                 )
             )
@@ -198,9 +199,9 @@ def _weak(result: Calibration) -> list[Finding]:
 
 def _good(result: Calibration, unit: str) -> str:
     sigma = float(np.sqrt((result.markers.sigma**2).mean()))
-    known = f", markers to {sigma:.2g} {unit}" if np.isfinite(sigma) and sigma > 0 else ""
+    known = f", markers to {g2(sigma)} {unit}" if np.isfinite(sigma) and sigma > 0 else ""
     return (
-        f"{len(result.views)} views agree: residuals of {result.rms_px:.2g} px RMS are {result.sigma0:.2g} times the "
+        f"{len(result.views)} views agree: residuals of {g2(result.rms_px)} px RMS are {g2(result.sigma0)} times the "
         f"marks' noise{known}"
     )
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from windmark.errors import g2, g3
 from windmark.pipeline.likely_unit import model_box
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.verdict import rules
@@ -48,7 +49,7 @@ def psp_verdict(
     return Verdict.of(
         found,
         len(records),
-        f"{len(good)} points reduced, Cp to {sigma:.2g} (median, 1 sigma)"
+        f"{len(good)} points reduced, Cp to {g2(sigma)} (median, 1 sigma)"
         + ("" if any(r.fit for r in good) else "; no tap checks their level")
         + (f"; loads are of the {100 * shown:.0f} % of the area that cameras show" if shown < 1 else ""),
         "use loads and Cp with their sigmas; causes say what to improve",
@@ -82,8 +83,8 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
         yield Finding(
             DOUBTFUL,
             "taps",
-            f"taps and paint differ by {r.fit['scatter_Pa']:.3g} Pa beyond their sigmas, which explain "
-            f"{r.fit['noise_Pa']:.3g} Pa",
+            f"taps and paint differ by {g3(r.fit['scatter_Pa'])} Pa beyond their sigmas, which explain "
+            f"{g3(r.fit['noise_Pa'])} Pa",
             "check that the taps' readings are of this point and their names at their places; then lamps and flat "
             "pictures",
         )
@@ -93,8 +94,8 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
         yield Finding(
             DOUBTFUL,
             "taps",
-            f"taps left out of the fit are off by {r.fit['leave_one_out_rms_Pa']:.3g} Pa, those in it by "
-            f"{r.fit['rms_Pa']:.3g} Pa",
+            f"taps left out of the fit are off by {g3(r.fit['leave_one_out_rms_Pa'])} Pa, those in it by "
+            f"{g3(r.fit['rms_Pa'])} Pa",
             "look for blocked taps",
         )
 
@@ -105,7 +106,7 @@ def _light(r: PointRecord) -> Iterator[Finding]:
         yield Finding(
             DOUBTFUL,
             "taps",
-            f"cameras differ by {r.systematic:.2g}, three times the sigma of Cp",
+            f"cameras differ by {g2(r.systematic)}, three times the sigma of Cp",
             "check dark pictures and lamps of each camera",
         )
     # A fit to the taps takes out what is the same part for all nodes; an offset alone leaves it in the slope.
@@ -150,7 +151,7 @@ def reference_findings(mesh: Mesh, area: float, chord: float, unit: str) -> list
                 Finding(
                     DOUBTFUL,
                     "units",
-                    f"loads.{what} is {value:.4g} {unit}{power}, the model's own is some {own:.2g} {unit}{power}",
+                    f"loads.{what} is {value:.4g} {unit}{power}, the model's own is some {g2(own)} {unit}{power}",
                     f"give loads.{what} in {unit}{power}",
                 )
             )
@@ -171,7 +172,7 @@ def lamp_findings(mesh: Mesh, lamps: Sequence[Sequence[float]], unit: str) -> li
                 Finding(
                     DOUBTFUL,
                     "units",
-                    f"lamp {k + 1} stands {near:.3g} {unit} from a model of {size:.3g} {unit}: the light that is taken "
+                    f"lamp {k + 1} stands {g3(near)} {unit} from a model of {g3(size)} {unit}: the light that is taken "
                     "from it is no lamp's",
                     f"give lamp.position in {unit}, in the frame of markers and grid",
                 )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.template.crlb import bound_factor
+from windmark.errors import g2
 from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
@@ -71,7 +72,7 @@ def picture_findings(state: PictureState) -> list[Finding]:
             Finding(
                 DOUBTFUL,
                 "saturated",
-                f"{100 * state.saturated:.2g} % of the pixels are at the highest grey level, {state.level:.0f}",
+                f"{g2(100 * state.saturated)} % of the pixels are at the highest grey level, {state.level:.0f}",
                 "expose shorter or dim the lamps; values there are lower bounds",
             )
         )
@@ -106,7 +107,7 @@ def _blurred(what: str, blur_px: float, radius_px: float, costs: float) -> Findi
     return Finding(
         DOUBTFUL,
         "blurred",
-        f"{what} blurred by {blur_px:.2g} px (1 sigma) at markers of {radius_px:.2g} px radius: their centres are "
-        f"{costs:.2g} times less sure than in a sharp one",
+        f"{what} blurred by {g2(blur_px)} px (1 sigma) at markers of {g2(radius_px)} px radius: their centres are "
+        f"{g2(costs)} times less sure than in a sharp one",
         "focus, or expose shorter where the model moves; or paint larger markers",
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g1, g2
 from windmark.geometry import PARAMETERS, Pose
 from windmark.geometry.rotations import hat
 from windmark.pipeline.verdict import rules
@@ -28,6 +29,7 @@ REFUSALS = {
     "focal": ("weak", "give the focal length (windmark calibrate), or a prior pose"),
     "wrong_focal": ("focal", "correct the focal length in the camera file, or set [register] free_focal = true"),
     "wrong_camera": ("camera", "calibrate the camera (windmark calibrate); check that the file is this camera's"),
+    "exchanged": ("moved", "give each camera its own pictures and its own file: two have each other's"),
     "mirrored": ("mirrored", "mirror the picture, or check the sign of the table's axes"),
     "one_pair": ("few", "paint more markers, or label one ([[image]] labels)"),
     "discs": ("discs", "check radii (not diameters, same unit) and normals of the table"),
@@ -37,6 +39,8 @@ REFUSALS = {
 """Cause of a `NotRegistered` -> cause of the verdict, and the next step."""
 MOVED = ("place in the rig", "not where it is said to be", "not where cam_from_rig says")
 """Words of a refusal for a camera that does not fit, where its place is at fault and not its interior."""
+EXCHANGED = "are exchanged: where cam_from_rig has the other"
+"""Words of a refusal for two cameras of which each has the other's pictures or place."""
 FOCAL = "the given focal length of"
 """Words of a refusal for a camera whose focal length is at fault."""
 LENS = ("k1", "k2", "p1", "p2")
@@ -98,6 +102,8 @@ def camera_at_fault(reason: str) -> tuple[str, str] | None:
     """Cause and next step where a series gives up for the sake of a camera; None where it does not."""
     if FOCAL in reason:
         return "focal", "give the focal length that was found, or calibrate the camera again"
+    if EXCHANGED in reason:
+        return REFUSALS["exchanged"]
     if any(words in reason for words in MOVED):
         return "moved", "find the cameras' places anew (windmark calibrate), and see that each has its own file"
     return None
@@ -111,8 +117,8 @@ def _bent(answer: Registration) -> list[Finding]:
         Finding(
             DOUBTFUL,
             "bent",
-            f"the model is bent by {100 * bent.largest:.2g} % of its size (up to "
-            f"{bent.largest_px:.2g} px); the grid is taken "
+            f"the model is bent by {g2(100 * bent.largest)} % of its size (up to "
+            f"{g2(bent.largest_px)} px); the grid is taken "
             "as rigid",
             "measure the deformation (windmark deform) and map onto the bent grid",
         )
@@ -139,7 +145,7 @@ def _odd_markers(seen: Sighting, answer: Registration) -> list[Finding]:
         Finding(
             DOUBTFUL,
             "marker",
-            f"{seen.markers.name[alone[k]]}{more} is {nearest[k]:.2g} px ({nearest[k] * scale:.2g} "
+            f"{seen.markers.name[alone[k]]}{more} is {g2(nearest[k])} px ({g2(nearest[k] * scale)} "
             f"{seen.unit}) from where "
             "its table has it",
             "measure this marker again, or exchange the names if two of them are swapped",
@@ -152,13 +158,13 @@ def _misfit(seen: Sighting, answer: Registration) -> list[Finding]:
     spot = float(np.sqrt(np.median(np.trace(_cov(seen, answer), axis1=1, axis2=2) / 2)))
     if answer.excess_px < max(rules.PLACE_PX, rules.NOISE_TIMES * spot):
         return []
-    times = f"{np.hypot(answer.excess_px, spot) / spot:.0f} times their spots' sigma of {spot:.2g} px"
+    times = f"{np.hypot(answer.excess_px, spot) / spot:.0f} times their spots' sigma of {g2(spot)} px"
     if (lead := lens_lead(answer)) > rules.LENS_NATS:
         return [
             Finding(
                 DOUBTFUL,
                 "lens",
-                f"residuals of {answer.rms_px:.2g} px RMS, {times}, have the pattern of a lens "
+                f"residuals of {g2(answer.rms_px)} px RMS, {times}, have the pattern of a lens "
                 f"({lead:.0f} nats ahead of "
                 "scattered markers)",
                 "calibrate the lens (windmark calibrate), and check that the camera file is this camera's",
@@ -168,8 +174,8 @@ def _misfit(seen: Sighting, answer: Registration) -> list[Finding]:
         Finding(
             DOUBTFUL,
             "table",
-            f"markers about {one_digit(answer.off_table)} {seen.unit} off their table: residuals of "
-            f"{answer.rms_px:.2g} px "
+            f"markers about {g1(answer.off_table)} {seen.unit} off their table: residuals of "
+            f"{g2(answer.rms_px)} px "
             f"RMS are {times}",
             "measure the markers (windmark reconstruct or calibrate), or give their sigma in the table",
         )
@@ -230,7 +236,7 @@ def _moved(seen: Sighting, answer: Registration) -> list[Finding]:
         Finding(
             DOUBTFUL,
             "moved",
-            f"the camera is not where its file says: markers on the walls are {far:.2g} px from where they would be",
+            f"the camera is not where its file says: markers on the walls are {g2(far)} px from where they would be",
             "keep the pose found here, or place the camera anew (windmark register) before poses of the file are used",
         )
     ]
@@ -277,9 +283,9 @@ def _reach(seen: Sighting, answer: Registration) -> list[Finding]:
         Finding(
             DOUBTFUL,
             "one-sided",
-            f"the markers are on one side of what is asked for: the surface is placed to {worst:.2g} "
+            f"the markers are on one side of what is asked for: the surface is placed to {g2(worst)} "
             f"px (1 sigma) beside "
-            f"{own:.2g} px at the markers",
+            f"{g2(own)} px at the markers",
             "add markers where values are wanted, or a second camera",
         )
     ]
@@ -299,7 +305,7 @@ def _angles(seen: Sighting, answer: Registration) -> list[Finding]:
         Finding(
             DOUBTFUL,
             "weak",
-            f"the pictures hardly tell a {motion}: {sigma:.2g} deg (1 sigma)",
+            f"the pictures hardly tell a {motion}: {g2(sigma)} deg (1 sigma)",
             "spread the markers in depth, come nearer, or add a second camera",
         )
     ]
@@ -322,10 +328,3 @@ def _cov(seen: Sighting, answer: Registration) -> Array:
 def _unit_per_px(answer: Registration) -> float:
     depth = float(np.median(answer.cam_from_model.apply(answer.matched_xyz)[:, 2]))
     return depth / answer.camera.focal_px
-
-
-def one_digit(value: float) -> str:
-    """A number with one digit that counts, as an estimate deserves: 0.01, 0.3, 2."""
-    if not np.isfinite(value) or value == 0:
-        return f"{value:g}"
-    return f"{float(f'{value:.1g}'):g}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from windmark.errors import g2, g3
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
@@ -53,7 +54,7 @@ def _good(result: RunResult) -> tuple[str, str]:
     fewest = min(len(a.matching) for a in answers)
     what = "the image" if len(answers) == 1 else "both images" if len(answers) == 2 else f"all {len(answers)} images"
     return (
-        f"{what} registered with {fewest} markers{' or more' if len(answers) > 1 else ''}, residuals of {worst:.2g} px "
+        f"{what} registered with {fewest} markers{' or more' if len(answers) > 1 else ''}, residuals of {g2(worst)} px "
         "RMS are the spots' noise",
         "use the values; the report says what these pictures could not check",
     )
@@ -109,7 +110,7 @@ def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
         Finding(
             BAD if sure else DOUBTFUL,
             "units",
-            f"markers over {size[0]:.3g} {unit} on a grid of {size[1]:.3g} {unit}: the table is "
+            f"markers over {g3(size[0])} {unit} on a grid of {g3(size[1])} {unit}: the table is "
             f"rather in {' or '.join(_spelt(u) for u in units)}",
             f"windmark convert --unit {units[0]} --to-unit {unit} for the table, or correct its length_unit",
         )

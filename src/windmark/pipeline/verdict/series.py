@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from windmark.errors import g1, g2
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.record import MISFIT
 from windmark.pipeline.deform.record import FrameRecord as DeformFrame
@@ -14,7 +15,7 @@ from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.picture import series_blur
-from windmark.pipeline.verdict.registered import camera_at_fault, one_digit
+from windmark.pipeline.verdict.registered import camera_at_fault
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 
 
@@ -33,7 +34,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
             Finding(
                 DOUBTFUL,
                 "table",
-                f"markers about {one_digit(middle([r.off_table for r in good]))} {unit} off their table "
+                f"markers about {g1(middle([r.off_table for r in good]))} {unit} off their table "
                 f"(median of {len(good)} images): residuals are {np.hypot(excess, spot) / spot:.0f} "
                 f"times their spots' sigma",
                 "measure the markers (windmark reconstruct), or calibrate the lens",
@@ -46,7 +47,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
             Finding(
                 DOUBTFUL,
                 "bent",
-                f"the model is bent in {len(bent)} of {len(good)} images (up to {far:.2g} px); its pose is "
+                f"the model is bent in {len(bent)} of {len(good)} images (up to {g2(far)} px); its pose is "
                 "that of a rigid one",
                 "measure the deformation (windmark deform)",
             )
@@ -78,7 +79,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
     return Verdict.of(
         found,
         1,
-        f"all {len(good)} images have a pose, residuals of {rms:.2g} px RMS are the spots' noise",
+        f"all {len(good)} images have a pose, residuals of {g2(rms)} px RMS are the spots' noise",
         "use poses.csv",
     )
 
@@ -121,7 +122,7 @@ def deform_verdict(
     return Verdict.of(
         found,
         1,
-        f"{len(good)} frames identified, residuals of {rms:.2g} px RMS are {s0:.2g} times the spots' noise",
+        f"{len(good)} frames identified, residuals of {g2(rms)} px RMS are {g2(s0)} times the spots' noise",
         "use deformation.csv with its sigmas",
     )
 
@@ -177,7 +178,7 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
             Finding(
                 BAD,
                 "units",
-                f"temperatures are known to {sigma:.2g} K only (median, 1 sigma): the pictures' numbers are not in the "
+                f"temperatures are known to {g2(sigma)} K only (median, 1 sigma): the pictures' numbers are not in the "
                 "unit that is said, or emissivity and surroundings are hardly known",
                 "say the unit of the camera's numbers; give emissivity and surroundings with their sigma",
             )
@@ -197,7 +198,7 @@ def infrared_verdict(records: Sequence[InfraredFrame], remarks: Sequence[str] = 
     return Verdict.of(
         found,
         1,
-        f"{len(good)} frames reduced, temperatures to {sigma:.2g} K (median, 1 sigma; emissivity, surroundings and "
+        f"{len(good)} frames reduced, temperatures to {g2(sigma)} K (median, 1 sigma; emissivity, surroundings and "
         "their sigmas as given)",
         "use the fields with their sigmas",
     )

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr
 
+from windmark.errors import g2
 from windmark.geometry import Pose
 from windmark.registration import rules
 from windmark.registration.cached import cached_property
-from windmark.registration.judge.doubts import OtherCamera, fits_slightly
+from windmark.registration.judge.doubts import EXCHANGED, OtherCamera, fits_slightly
 from windmark.registration.judge.first_order import FirstOrder
 from windmark.registration.judge.own import is_loose
 from windmark.registration.judge.source import CONFIRMED
@@ -24,7 +26,7 @@ from windmark.registration.result import Unchecked
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.state import EXPECTED
-from windmark.registration.settle.settling import copied, settle_state, with_freedom
+from windmark.registration.settle.settling import copied, settle, settle_state, with_freedom
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views, doubted_camera, doubted_place
 from windmark.registration.task import MIN_COUNT
@@ -41,6 +43,8 @@ SEEN_LEAST, SEEN_MOST = 0.25, 0.95
 """... at least and at most this part of the markers."""
 SLIGHT = np.array([1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3])
 """1 sigma of places that may be slightly off: radians, and parts of the distance."""
+TOUCHED = 1e-3
+"""Degrees, and percent of its distance, from which on a camera's motion is worth a word."""
 PLACE = "place in the rig"
 
 
@@ -62,7 +66,7 @@ class Elsewhere:
     def words(self) -> str:
         """How far it is off, and what it shows there."""
         c, found, base = self.c, self.solution, self.base
-        shows = f"the misfit falls from {base.misfit_px.max():.2g} to {found.misfit_px.max():.2g} px"
+        shows = f"the misfit falls from {g2(base.misfit_px.max())} to {g2(found.misfit_px.max())} px"
         if base.counts[c] < found.counts[c]:
             of = int(found.state.numbers[c, EXPECTED])
             shows = f"it shows {found.counts[c]} of {of} markers, not {base.counts[c]}"
@@ -73,7 +77,9 @@ class Elsewhere:
         distance = float(np.linalg.norm(found.cam_from_model(c).apply(middle)))
         moved = float(np.linalg.norm(place.center - given.center)) / distance
         turned = np.degrees(place.angle_to(given))
-        return f"turned by {turned:.2g} degrees and moved by {100 * moved:.2g} % of its distance {shows}"
+        by = [f"turned by {g2(turned)} degrees"] if turned > TOUCHED else []
+        by += [f"moved by {g2(100 * moved)} % of its distance"] if 100 * moved > TOUCHED else []
+        return f"{' and '.join(by) or 'nearly there'} {shows}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +119,8 @@ class Places:
     def displaced(self, solutions: Sequence[Solution], seen: Sequence[Candidate | None]) -> OtherCamera | None:
         """A camera that is elsewhere, if with it there the spots are explained better by the margin than by this one.
 
-        Where it may as well be another one, as of two cameras always, both are named. ``solutions`` are others of the
-        rig, ``seen`` what each camera by itself sees best.
+        Where it may as well be another one, as of two cameras always, both are named; where two are in each other's
+        place, that. ``solutions`` are others of the rig, ``seen`` what each camera by itself sees best.
         """
         found = [
             other for c in range(len(self.best.counts))
@@ -124,6 +130,11 @@ class Places:
         if not found:
             return None
         most = max(e.solution.evidence for e in found)
+        exchanged = [of for pair in combinations(range(len(seen)), 2) if (of := self._exchanged(seen, *pair))]
+        if exchanged:
+            words, solution = max(exchanged, key=lambda of: of[1].evidence)
+            if solution.evidence > most - self.margin:
+                return OtherCamera(EXCHANGED, words, solution, is_slight=False)
         if len(self.best.counts) > 2:
             found = [e for e in found if e.solution.evidence > most - self.margin]
         shown = all(e.base.scores[e.c] > CONFIRMED for e in found)
@@ -161,6 +172,26 @@ class Places:
                 found.append(Elsewhere(c, solution, base))
         return max(found, key=lambda e: e.solution.evidence, default=None)
 
+    def _exchanged(self, seen: Sequence[Candidate | None], a: int, b: int) -> tuple[str, Solution] | None:
+        """What all see where cameras a and b are in each other's place; None where that does not hold together."""
+        views = self.best.views
+        own, other = seen[a], seen[b]
+        if own is None or other is None:
+            return None
+        # Places are never known so well that the exchange could vie with a place that is free.
+        places = self._opened(SLIGHT[-1]).with_place(a, views.cam_from_rig[b]).with_place(b, views.cam_from_rig[a])
+        start = views.layout.frame.unit(places.cam_from_rig[a].inverse() @ own.cam_from_model)
+        match = np.stack([m if s is None else s.match for m, s in zip(self.best.state.match, seen, strict=True)])
+        solution = settle(places, *start, match, anywhere=True)
+        if solution is None:
+            return None
+        shows = " and ".join(f"{solution.counts[c]} of {int(solution.state.numbers[c, EXPECTED])}" for c in (a, b))
+        words = (
+            f"camera {views.names[a]} and camera {views.names[b]} are exchanged: where cam_from_rig has the other, "
+            f"they show {shows} markers"
+        )
+        return words, solution
+
     def slightly_off(self) -> tuple[Solution, Unchecked] | None:
         """A solution with places that are as uncertain as the residuals say, and what that is; None if they fit."""
         if not self._is_loose and self._first.gains(SLIGHT).max() < rules.DOUBT:
@@ -176,7 +207,7 @@ class Places:
             return None
         most = self.best.views.names[int((beside.state.nuisance[:, -6:] ** 2).sum(axis=1).argmax())]
         words = (
-            f"the cameras seem to be off their places by {np.degrees(sigma):.2g} degrees and {100 * sigma:.2g} % of "
+            f"the cameras seem to be off their places by {g2(np.degrees(sigma))} degrees and {g2(100 * sigma)} % of "
             f"their distance (1 sigma), this one most; the sigma of the pose has what that would change"
         )
         return beside, Unchecked(PLACE, words, most)

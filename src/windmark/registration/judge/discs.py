@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2
 from windmark.registration.judge import own
 from windmark.registration.judge.answer import are_discs, corrected
 from windmark.registration.judge.verdict import Verdict
@@ -80,9 +81,9 @@ def _grown(best: Solution, final: Solution, limits: Limits) -> str:
     off = float(np.abs(final.state.offset).max())
     before, after = float(plain.misfit_px.max()), float(final.misfit_px.max())
     return (
-        f"the best solution matches {best.count} of {best.expected} markers in view with a misfit of {before:.2g} px "
+        f"the best solution matches {best.count} of {best.expected} markers in view with a misfit of {g2(before)} px "
         f"(1 sigma per coordinate), but as discs of the table's radii and normals, whose images are off the images of "
-        f"their centres by up to {off:.2g} px, they fit worse ({after:.2g} px, by {nats:.0f} nats): are radii and "
+        f"their centres by up to {g2(off)} px, they fit worse ({g2(after)} px, by {nats:.0f} nats): are radii and "
         "normals right, and in the unit of the places?"
     )
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2, g3
 from windmark.geometry import Camera
 from windmark.registration import rules
 from windmark.registration.cached import cached_property
@@ -38,11 +39,13 @@ UNITS = {
     "focal length": DOUBTED_FOCAL, "aspect": DOUBTED_ASPECT, "principal point": DOUBTED_CENTRE, "lens": DOUBTED_EDGE,
 }  # fmt: skip
 """1 sigma of the prior of each, in the units of `rules.CHECKED`."""
+EXCHANGED = "exchanged"
+"""What is wrong of two cameras that are in each other's place."""
 UNSEEN = {
-    "focal length": "a focal length that is off by less than {size:.2g} %",
-    "aspect": "an aspect that is off by less than {size:.2g} %",
-    "principal point": "a principal point that is off by less than {size:.3g} px",
-    "lens": "a lens that shifts the image's corner by less than {size:.2g} % of its distance from the centre",
+    "focal length": "a focal length that is off by less than {size} %",
+    "aspect": "an aspect that is off by less than {size} %",
+    "principal point": "a principal point that is off by less than {size} px",
+    "lens": "a lens that shifts the image's corner by less than {size} % of its distance from the centre",
 }
 
 
@@ -61,6 +64,8 @@ class OtherCamera:
     @property
     def cause(self) -> Cause:
         """Of a refusal for it."""
+        if self.what == EXCHANGED:
+            return "exchanged"
         return "wrong_focal" if self.what == "focal length" else "wrong_camera"
 
 
@@ -166,7 +171,7 @@ class Doubts:
     def _words(self, what: str, c: int, single: Solution) -> str:
         given, found = self.best.camera(c), single.camera(c)
         head = f"camera {self.views.names[c]}: " if len(self.best.counts) > 1 else ""
-        misfit = f"the misfit falls from {self.best.misfit_px[c]:.2g} to {single.misfit_px[c]:.2g} px"
+        misfit = f"the misfit falls from {g2(self.best.misfit_px[c])} to {g2(single.misfit_px[c])} px"
         if what == "focal length":
             return (
                 f"{head}the given focal length of {given.focal_px:.5g} px does not fit: with {found.focal_px:.5g} px "
@@ -180,7 +185,7 @@ class Doubts:
         if what == "aspect":
             return f"{head}the given aspect does not fit: with {found.aspect:.4f} for {given.aspect:.4f} {misfit}"
         return (
-            f"{head}the given lens does not fit: with k1 = {found.k1:.3g} for {given.k1:.3g} {misfit}; "
+            f"{head}the given lens does not fit: with k1 = {g3(found.k1)} for {g3(given.k1)} {misfit}; "
             "calibrate its distortion"
         )
 
@@ -222,7 +227,7 @@ class Doubts:
                 size = shown(min(told[c][k] for k in columns), self.margin) * UNITS[what]
                 if size > rules.CHECKED[what]:
                     much = 100 * size if what != "principal point" else size * _diagonal(self.views, c)
-                    words = UNSEEN[what].format(size=much) + " would go unnoticed here"
+                    words = UNSEEN[what].format(size=g2(much)) + " would go unnoticed here"
                     found.append(Unchecked(what, words, self.views.names[c]))
         return tuple(found)
 

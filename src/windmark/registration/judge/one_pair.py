@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2
 from windmark.registration import rules
 from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.fit import spread_places
@@ -93,7 +94,7 @@ def held_by_one(best: Solution) -> str:
     seen = [(c, best.views.planes[c].task.xy[best.pairs(c)[0]]) for c in best.seeing]
     widths = [off_line(xy) - float(best.misfit_px[c]) for c, xy in seen]
     if max(widths) < ON_LINE_PX:
-        return f"all of them lie on one line (within {off_line(seen[0][1]):.2g} px, no worse than they fit)"
+        return f"all of them lie on one line (within {g2(off_line(seen[0][1]))} px, no worse than they fit)"
     if best.is_bent:
         # A pair has most of its own place there: 2 % between the excess of the fit and of the residuals would be all.
         best = with_freedom(best.views, best, relabel=False) or best
@@ -106,7 +107,7 @@ def held_by_one(best: Solution) -> str:
             turn = float(np.sqrt(np.linalg.eigvalsh(best.unit_cov[:3, :3])[-1]))
             return (
                 f"the matched markers leave the place of others open: of {plane.task.markers.name[rest]} by "
-                f"{wide:.2g} px and the rotation by {np.degrees(turn):.2g} deg (1 sigma), as where they lie on "
+                f"{g2(wide)} px and the rotation by {g2(np.degrees(turn))} deg (1 sigma), as where they lie on "
                 "one line or close together"
             )
     for c, plane in enumerate(best.views.planes):
@@ -115,7 +116,7 @@ def held_by_one(best: Solution) -> str:
             continue
         held = (
             f"a single pair holds the pose: {_named(best, c, marker)}, whose place the {best.count - 1} others leave "
-            f"open by {wide:.2g} px (1 sigma)"
+            f"open by {g2(wide)} px (1 sigma)"
         )
         if wide > plane.task.tolerance_px:
             return f"{held}; without it the pose is not determined, and with it nothing checks it"
@@ -152,7 +153,7 @@ def without_unheld(best: Solution) -> tuple[Solution, Unchecked] | None:
     x, y = plane.task.xy[spot]
     words = (
         f"a single spot at ({x:.0f}, {y:.0f}) says where marker {plane.task.markers.name[marker]} is, whose place the "
-        f"others leave open by {wide:.2g} px (1 sigma): the sigma of the pose is that without it"
+        f"others leave open by {g2(wide)} px (1 sigma): the sigma of the pose is that without it"
     )
     return Solution(best.views, state), Unchecked("pair", words, best.views.names[c])
 
@@ -165,7 +166,7 @@ def left_out(best: Solution) -> list[Unchecked]:
     x, y = best.views.planes[c].task.xy[best.state.match[c, marker]]
     words = (
         f"the spot at ({x:.0f}, {y:.0f}) may be marker {best.views.planes[c].task.markers.name[marker]} or a foreign "
-        f"one: the others leave the marker's place open by {wide:.2g} px (1 sigma), and it has no label"
+        f"one: the others leave the marker's place open by {g2(wide)} px (1 sigma), and it has no label"
     )
     return [Unchecked("pair", words, best.views.names[c])]
 

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from windmark.errors import g2, g3
 from windmark.geometry.order import median
 from windmark.registration import rules
 from windmark.registration.settle._kernels.state import EXCESS, TAKEN
@@ -136,8 +137,8 @@ def misfit_of(best: Solution, c: int, limits: Limits) -> str:
     if excess <= allowed:
         return ""
     return (
-        f"the markers are off their table by {excess:.2g} px (1 sigma per coordinate; limit {allowed:.2g} "
-        f"px with max_table_error = {100 * limits.table_error:.3g} % of their spacing): another model of the "
+        f"the markers are off their table by {g2(excess)} px (1 sigma per coordinate; limit {g2(allowed)} "
+        f"px with max_table_error = {g3(100 * limits.table_error)} % of their spacing): another model of the "
         "same design, a deformed model, wrong camera parameters, or a table that needs its sigma"
     )
 

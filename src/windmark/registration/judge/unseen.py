@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 
+from windmark.errors import g2
 from windmark.registration import rules
 from windmark.registration.judge.first_order import Look
 from windmark.registration.result import Unchecked
@@ -22,8 +23,8 @@ from windmark.registration.settle.solution import Solution
 from windmark.registration.task import MIN_COUNT
 
 WORDS = (
-    "a bend of the model by up to {bow:.2g} % of its size would go unnoticed here; its root would then be turned by up "
-    "to {turn:.2g} deg against this pose (the pose and its sigma are those of a straight model)"
+    "a bend of the model by up to {bow} % of its size would go unnoticed here; its root would then be turned by up "
+    "to {turn} deg against this pose (the pose and its sigma are those of a straight model)"
 )
 COPY = (
     "a second copy of the model (a ghost, a reflection) of which fewer than {least} markers are seen would go "
@@ -38,7 +39,7 @@ def unchecked_bend(look: Look) -> list[Unchecked]:
     """What is to be said of it: nothing where the root would hardly be turned."""
     if look.turn < rules.CHECKED["bending"]:
         return []
-    return [Unchecked("bending", WORDS.format(bow=100 * look.bow, turn=math.degrees(look.turn)))]
+    return [Unchecked("bending", WORDS.format(bow=g2(100 * look.bow), turn=g2(math.degrees(look.turn))))]
 
 
 def least_copy(best: Solution, c: int, margin: float) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from windmark.errors import g2, g3
 from windmark.registration import rules
 from windmark.registration.result import RunnerUp
 from windmark.registration.search.pool import Candidate
@@ -69,7 +70,7 @@ def beyond_prior(task: Task, best: Candidate | None, least: float) -> str:
     return (
         f"a pose that explains {best.count} spots is off the prior: by {angle:.0f} degrees (limit "
         f"{np.degrees(task.prior_max_angle_rad):.0f}) and at {ratio:.2f} "
-        f"times its distance (limit {task.prior_max_scale:.3g} times, either way)"
+        f"times its distance (limit {g3(task.prior_max_scale)} times, either way)"
     )
 
 
@@ -113,8 +114,8 @@ def in_parts(best: Solution, other: Solution, bent: Solution, most: float) -> st
 def is_bent(bent: Solution, most: float) -> str:
     """That the model is bent, and by how much of its size; ``most`` is allowed."""
     return (
-        f"it is one model that is bent by {100 * bent.largest:.2g} % of its size, as that explains {bent.count} of "
-        f"{bent.expected} markers in view (max_deformation = {100 * most:.2g} %)"
+        f"it is one model that is bent by {g2(100 * bent.largest)} % of its size, as that explains {bent.count} of "
+        f"{bent.expected} markers in view (max_deformation = {g2(100 * most)} %)"
     )
 
 

@@ -21,7 +21,7 @@ HIDING_ROUNDS = 3
 
 def settle(
     views: Views, rotation: Array, translation: Array, match: Ints, *, focal_px: float | Array | None = None,
-    trusted: int = 0,
+    trusted: int = 0, anywhere: bool = False,
 ) -> Solution | None:  # fmt: skip
     """Refine a start to a fixed point of labelling; None where it falls apart or leaves the prior.
 
@@ -32,6 +32,7 @@ def settle(
     match : (C, N) spots of the markers in each camera, or -1
     focal_px : (C,) or one for all, of the cameras whose focal lengths are free
     trusted : rounds that the labels stay at most while the excess settles
+    anywhere : beyond the priors, too, which are those of cameras where they are given
     """
     state = state_of(views.sights, rotation, translation, match)
     if focal_px is not None:
@@ -39,10 +40,10 @@ def settle(
             if (task := plane.task).free_focal:
                 focal = float(np.broadcast_to(focal_px, len(views.planes))[c])
                 state.nuisance[c, 0] = np.log(focal / task.camera.focal_px) / task.focal_sigma
-    return settle_state(views, state, trusted=trusted)
+    return settle_state(views, state, trusted=trusted, anywhere=anywhere)
 
 
-def settle_state(views: Views, state: State, *, trusted: int = 0) -> Solution | None:
+def settle_state(views: Views, state: State, *, trusted: int = 0, anywhere: bool = False) -> Solution | None:
     """`settle` from a state, which is changed."""
     _bind(views, state)
     if settle_kernel(views.sights, state, trusted) != STEADY:
@@ -50,7 +51,7 @@ def settle_state(views: Views, state: State, *, trusted: int = 0) -> Solution | 
     if any(plane.task.visible is not None for plane in views.planes) and not _with_hiding(views, state):
         return None
     solution = Solution(views, state)
-    for c, plane in enumerate(views.planes):
+    for c, plane in enumerate([] if anywhere else views.planes):
         if plane.task.prior is not None and not plane.task.allows(solution.cam_from_model(c), state.camera[c, 0]):
             return None
     return solution

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
+from windmark.errors import g2
 from windmark.geometry import Pose
 from windmark.registration import rules
 from windmark.registration.result import Cause, NotRegistered, Registration, RunnerUp
@@ -137,7 +138,7 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
             f"least {least:.0f})"
         )  # fmt: skip
     elif rules.MISFIT * n[at.MISFIT_PX] > n[at.TOLERANCE] or excess > allowed:
-        cause, but = "misfit", f"but with a misfit of {n[at.MISFIT_PX]:.2g} px (1 sigma per coordinate)"
+        cause, but = "misfit", f"but with a misfit of {g2(n[at.MISFIT_PX])} px (1 sigma per coordinate)"
     elif n[at.DISTANCE2] > ABRUPT:
         cause, but = "nothing", f"but the motion was abrupt ({n[at.DISTANCE2] ** 0.5:.0f} sigma)"
     elif n[at.SUPPOSED] and (count < FEWER * before or count < LEAST_SEEN * expected):
@@ -147,8 +148,8 @@ def _refusal(n: list[float], done: Stepped, limits: Limits, before: int) -> NotR
         cause, but = "ambiguous", f"but {rival}"
     elif n[at.HELD_PX] > n[at.TOLERANCE] or not n[at.OPEN_PX] < n[at.TOLERANCE]:
         cause, but = "one_pair", (
-            f"but they leave the place of others open by {n[at.OPEN_PX]:.2g} px, and of one of them all others by "
-            f"{n[at.HELD_PX]:.2g} px"
+            f"but they leave the place of others open by {g2(n[at.OPEN_PX])} px, and of one of them all others by "
+            f"{g2(n[at.HELD_PX])} px"
         )  # fmt: skip
     else:
         return None

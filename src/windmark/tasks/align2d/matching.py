@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import binom
 
+from windmark.errors import g2
 from windmark.geometry import DegenerateGeometry
 from windmark.geometry.planar import NEEDED, fit_planar, hull_of, inside_hull
 from windmark.scene import Detections
@@ -132,7 +133,7 @@ def match_spots(
     if real:
         near = "" if max_shift_px is not None else "; or say how far the markers may have moved (max_shift_px)"
         return NoMatching(
-            f"two matchings, of {best.count} and {real[0].count} pairs ({best.sigma_px:.2g} and {real[0].sigma_px:.2g} "
+            f"two matchings, of {best.count} and {real[0].count} pairs ({g2(best.sigma_px)} and {g2(real[0].sigma_px)} "
             "px), explain them and neither is chance: the layout looks like itself when it is shifted or turned. "
             f"Give matches by name{near}",
             "ambiguous", best.count, best.log10_nfa,
@@ -141,7 +142,7 @@ def match_spots(
     spacing = _spacing(a[at])
     if best.sigma_px > LOOSE * spacing:
         return NoMatching(
-            f"{best.count} markers match, but lie {best.sigma_px:.2g} px from where the others say, "
+            f"{best.count} markers match, but lie {g2(best.sigma_px)} px from where the others say, "
             f"{100 * best.sigma_px / spacing:.0f} % of their spacing: another model of the same plan, or relief that "
             "moved against its surroundings (then align in 3D); or give matches by name",
             "weak", best.count, best.log10_nfa,

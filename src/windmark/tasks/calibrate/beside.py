@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from windmark.calibration import Calibration
+from windmark.errors import g2
 from windmark.registration import Registration
 from windmark.scene import Doubt, MarkerSet
 from windmark.tasks.calibrate.picture import Picture
@@ -46,6 +47,6 @@ def beside_their_place(
         if len(chances) * together(of) < CHANCE:
             name, count = str(table.name[alone[k]]), len(of)
             words = (f"{{}} is not where its table says: {count} pictures have a spot without a marker "
-                     f"{np.median(away[k]):.2g} px beside it (median), and none there")  # fmt: skip
+                     f"{g2(np.median(away[k]))} px beside it (median), and none there")  # fmt: skip
             out.append(Doubt((name,), words, "marker"))
     return tuple(out)

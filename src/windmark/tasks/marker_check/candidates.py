@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g3
 from windmark.scene import MarkerSet, Mesh
 from windmark.tasks.marker_check.stage import Stage
 
@@ -55,7 +56,7 @@ class Change:
             return f"add a marker at ({_numbers(self.place)}) {unit}, between {' and '.join(self.near)}"
         step = self.place - self.old
         return (
-            f"move {self.name} by ({_numbers(step)}) {unit}, {np.linalg.norm(step):.3g} {unit} towards"
+            f"move {self.name} by ({_numbers(step)}) {unit}, {g3(np.linalg.norm(step))} {unit} towards"
             f" {' and '.join(self.near)}"
         )
 

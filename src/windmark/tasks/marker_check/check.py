@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2
 from windmark.geometry import Camera
 from windmark.scene import MarkerSet, Mesh
 from windmark.tasks.marker_check.advice import Proposal, advise
@@ -150,7 +150,7 @@ class MarkerCheck:
 
     def _sigma_words(self, px: float, degrees: float, across: float, along: float) -> str:
         return (
-            f"{px:.2g} px on the surface, {degrees:.2g} deg, {across:.2g} {self.unit} across and {along:.2g}"
+            f"{g2(px)} px on the surface, {g2(degrees)} deg, {g2(across)} {self.unit} across and {g2(along)}"
             f" {self.unit} along the line of sight (1 sigma)"
         )
 
@@ -251,4 +251,4 @@ def _median(values: Array) -> float | None:
 
 
 def _rounded(value: float) -> str:
-    return "0" if value < 1e-9 else f"{value:.2g}"
+    return "0" if value < 1e-9 else f"{g2(value)}"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2, g3
 from windmark.geometry import DegenerateGeometry, Pose, align
 from windmark.registration import prepare
 from windmark.tasks.marker_check.campaign import Campaign, Trial
@@ -55,13 +56,13 @@ class Symmetry:
         """The motion in words."""
         angle = float(np.degrees(np.linalg.norm(self.motion.rotvec)))
         if angle < NO_TURN_DEG:
-            shift = ", ".join(f"{v:.3g}" for v in _clean(self.motion.apply(middle) - middle))
+            shift = ", ".join(f"{g3(v)}" for v in _clean(self.motion.apply(middle) - middle))
             return f"shift by ({shift}) {unit}"
         axis = _clean(self.motion.rotvec / np.linalg.norm(self.motion.rotvec))
         if axis[np.argmax(np.abs(axis))] < 0:
             axis, angle = 0.0 - axis, -angle
         turn = "half a turn" if abs(abs(angle) - 180) < 2 else f"turn by {angle:.0f} deg"
-        return f"{turn} about the axis ({', '.join(f'{v:.2g}' for v in axis)})"
+        return f"{turn} about the axis ({', '.join(f'{g2(v)}' for v in axis)})"
 
     def record(self, stage: Stage, unit: str) -> dict[str, Any]:
         """For machines."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2, g3
 from windmark.tasks.marker_check.campaign import FEWEST_LEFT, Campaign
 from windmark.tasks.marker_check.rivals import name_list
 from windmark.tasks.marker_check.settings import azimuth_elevation_deg
@@ -68,7 +69,7 @@ def _shape(xyz: Array) -> list[Finding]:
     if size[1] < ON_LINE * size[0]:
         return [Finding("line", "all markers lie on one line: no pose can be found")]
     if size[2] < FLAT * size[0]:
-        return [Finding("flat", f"all markers lie in a plane (thickness {100 * size[2] / size[0]:.2g} % of the length):"
+        return [Finding("flat", f"all markers lie in a plane (thickness {g2(100 * size[2] / size[0])} % of the length):"
                                 " frontal views do not determine the focal length, so it must be given, and from far"
                                 " away a mirrored pose fits too")]  # fmt: skip
     return []
@@ -89,7 +90,7 @@ def _too_close(stage: Stage, scale_px: float) -> list[Finding]:
         if apart * scale_px >= TOO_CLOSE_PX and apart >= TOO_CLOSE_RADII * max(radius[i], radius[j]):
             continue
         what = "the same marker twice" if apart == 0 else "too close to be told apart"
-        text = f"{names[i]} and {names[j]} are {apart:.3g} apart ({apart * scale_px:.2g} px in a typical image): {what}"
+        text = f"{names[i]} and {names[j]} are {g3(apart)} apart ({g2(apart * scale_px)} px in a typical image): {what}"
         found.append(Finding("close", text, (str(names[i]), str(names[j]))))
     return found
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import WindmarkError
+from windmark.errors import WindmarkError, g3
 from windmark.paint import COEFFICIENTS, LoadReference, Loads, NodeField, fewer_modes, integrate_loads, load_operator
 from windmark.scene import Mesh
 
@@ -66,7 +66,7 @@ def seen_loads(
     blind = ~seen[mesh.triangles].any(axis=1)
     for name, part in shown_areas(mesh, seen).items():
         if part < 1 and name != ALL:
-            remarks.append(f"{name}: {100 * (1 - part):.3g} % of its area is on a side that no camera shows; its loads "
+            remarks.append(f"{name}: {g3(100 * (1 - part))} % of its area is on a side that no camera shows; its loads "
                            "are those of the rest. Nothing says those of that side, they are not estimated: a Cp of "
                            f"{EACH:g} all over it makes {side_loads(mesh, reference, blind & (mesh.volume == name))}")
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g3
 from windmark.paint import InSitu, NodeField, TunnelConditions
 from windmark.paint.cp import AIR
 
@@ -45,12 +46,12 @@ def beyond_stream(cp: NodeField, stream: TunnelConditions) -> str:
     over, under = np.mean(value > most + ABOVE + SURE * sigma), np.mean(value < least - SURE * sigma)
     causes = "units of p_inf, q_inf or p_off are mixed, or pictures with wind and without were exchanged"
     if over > PART:
-        return (f"on {100 * over:.0f} % of the surface Cp is above {most + ABOVE:.3g} (median {np.median(value):.3g}), "
-                f"the stream's total pressure gives {most:.3g}: {causes}")  # fmt: skip
+        return (f"on {100 * over:.0f} % of the surface Cp is above {g3(most + ABOVE)} (median {g3(np.median(value))}), "
+                f"the stream's total pressure gives {g3(most)}: {causes}")  # fmt: skip
     if under > PART:
         words = "which no surface has" if least == LOWEST else "that of no pressure at all"
-        return (f"on {100 * under:.0f} % of the surface Cp is below {least:.3g}, {words} (median "
-                f"{np.median(value):.3g}): {causes}")  # fmt: skip
+        return (f"on {100 * under:.0f} % of the surface Cp is below {g3(least)}, {words} (median "
+                f"{g3(np.median(value))}): {causes}")  # fmt: skip
     return ""
 
 
@@ -68,11 +69,11 @@ def other_unit(readings: Array, prior: Array, fit: InSitu | None = None) -> str:
                 "from another one (gauge pressures)")  # fmt: skip
     level = float(np.median(readings[good]) / np.median(prior[good]))
     if not 1 / LEVEL < level < LEVEL:
-        return (f"the taps' readings are {level:.3g} times the pressure that the paint shows there (medians "
+        return (f"the taps' readings are {g3(level)} times the pressure that the paint shows there (medians "
                 f"{np.median(readings[good]):.4g} and {np.median(prior[good]):.4g} Pa): another unit, or no absolute "
                 "pressures")  # fmt: skip
     slope = 1.0 if fit is None else float(fit.coefficients[1] / fit.scale)
     if not 1 / SLOPE < slope < SLOPE:
-        return (f"the taps' readings change by {slope:.3g} times what the paint shows there: another unit, or the "
+        return (f"the taps' readings change by {g3(slope)} times what the paint shows there: another unit, or the "
                 "readings of another point")  # fmt: skip
     return ""

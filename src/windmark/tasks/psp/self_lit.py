@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import DataError
+from windmark.errors import DataError, g2
 from windmark.paint import FormFactors, NodeField, NotFitted, combined, merge_cameras, remove_self_illumination
 
 Array = NDArray[np.float64]
@@ -56,13 +56,13 @@ class Change:
     def __str__(self) -> str:
         by = 100 * (self.ratio - 1)
         words = (
-            f"self-illumination taken off: up to {100 * self.off:.2g} % of the light wind-off, {100 * self.on:.2g} % "
+            f"self-illumination taken off: up to {g2(100 * self.off)} % of the light wind-off, {g2(100 * self.on)} % "
             f"wind-on; the ratio changed by {np.nanmin(by):+.2g} to {np.nanmax(by):+.2g} %, "
-            f"{np.sqrt(np.nanmean(by**2)):.2g} % RMS"
+            f"{g2(np.sqrt(np.nanmean(by**2)))} % RMS"
         )
         if not self.guessed:
             return words
-        return f"{words}; no camera sees {100 * self.guessed:.2g} % of the surface: its light was taken as the mean"
+        return f"{words}; no camera sees {g2(100 * self.guessed)} % of the surface: its light was taken as the mean"
 
 
 def own_light(

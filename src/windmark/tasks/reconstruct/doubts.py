@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from windmark.errors import g3
 from windmark.geometry import Camera
 from windmark.scene import Doubt, MarkerSet, Tracks, View
 from windmark.tasks.reconstruct.task import Task
@@ -106,7 +107,7 @@ def off_their_table(
         name = str(primary.name[k])
         those = [v for v in np.flatnonzero(sight.seen[:, j]).tolist() if views[v].cam_from_model is not None]
         shows = [v for v in those if in_field(primary.xyz[k : k + 1], views[v], cameras)[0]]
-        place = f"the nearest marker, {markers.name[j]}, is {far:.3g} from the place in its table"
+        place = f"the nearest marker, {markers.name[j]}, is {g3(far)} from the place in its table"
         why[name] = f"{place}; {len(shows)} pictures that show that one have the place in their field"
         if sight.rate > 0 and (1 - sight.rate) ** len(shows) * len(missing) < CHANCE:
             words = f"{{}} is not where its table says: {len(shows)} pictures show no spot there; {place}"

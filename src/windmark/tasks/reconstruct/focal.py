@@ -9,6 +9,7 @@ import numpy as np
 
 from windmark.calibration import Distance, Free
 from windmark.calibration.datum import Datum
+from windmark.errors import g2
 from windmark.scene import Doubt, MarkerSet
 from windmark.tasks.reconstruct.structure import Structure, adjusted
 from windmark.tasks.reconstruct.task import Refused, Task
@@ -38,7 +39,7 @@ class OtherFocal:
     @property
     def doubt(self) -> Doubt:
         """Of a result that was adjusted with the given one."""
-        words = (f"the pictures of {{}} show a focal length of {self.seen:.5g} +- {self.sigma:.2g} px, the given focal "
+        words = (f"the pictures of {{}} show a focal length of {self.seen:.5g} +- {g2(self.sigma)} px, the given focal "
                  f"length of {self.given:.5g} px does not fit")  # fmt: skip
         return Doubt((self.camera,), words, "focal")
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from windmark.errors import g3
 from windmark.geometry import DegenerateGeometry, align
 from windmark.geometry.similarity import Similarity
 from windmark.scene import MarkerSet
@@ -184,7 +185,7 @@ def _best(found: list[Located], primaries: int, floor: float) -> Located:
     best = found[0]
     if best.log10_nfa > MAX_LOG10_NFA:
         raise Refused(
-            "not_found", f"the best fit has {len(best.point)} of {primaries} primaries (RMS {best.frame.rms:.3g}), "
+            "not_found", f"the best fit has {len(best.point)} of {primaries} primaries (RMS {g3(best.frame.rms)}), "
             f"which could be chance: false-alarm number 1e{best.log10_nfa:+.1f}; label three of them in one picture",
         )  # fmt: skip
     for other in found[1:]:
@@ -192,7 +193,7 @@ def _best(found: list[Located], primaries: int, floor: float) -> Located:
         if near and not other.same_as(best):
             raise Refused(
                 "ambiguous", f"two sets of points fit the {len(best.point)} primary markers about equally well (RMS "
-                f"{best.frame.rms:.3g} and {other.frame.rms:.3g}): a symmetric placement; label three in one picture",
+                f"{g3(best.frame.rms)} and {g3(other.frame.rms)}): a symmetric placement; label three in one picture",
             )  # fmt: skip
     return best
 

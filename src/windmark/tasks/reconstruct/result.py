@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.calibration import Calibration
+from windmark.errors import g3
 from windmark.geometry import Camera
 from windmark.scene import Doubt, MarkerSet, Tracks, View
 from windmark.scene.shown import described
@@ -38,7 +39,7 @@ Cause = Literal[
 
 @described(lambda r: {
     "markers": len(r.markers), "views": f"{len(r.views) - len(r.dropped)} of {len(r.views)}",
-    "rms px": f"{r.rms_px:.3g}", "sigma0": f"{r.calibration.sigma0:.3g}",
+    "rms px": f"{g3(r.rms_px)}", "sigma0": f"{g3(r.calibration.sigma0)}",
     "warnings": "; ".join(r.warnings) or "none",
 })  # fmt: skip
 @dataclass(frozen=True)

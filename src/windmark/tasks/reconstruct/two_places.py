@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
+from windmark.errors import g3
 from windmark.scene import Doubt, MarkerSet
 from windmark.tasks.reconstruct.doubts import CHANCE, Sight
 
@@ -143,7 +144,7 @@ def _moved(markers: MarkerSet, pairs: list[tuple[int, int]]) -> list[Doubt]:
     kept = [pair for pair in pairs if taken.get(pair[0]) == taken.get(pair[1]) == gap[pair]]
     if not kept:
         return []
-    words = ", ".join(f"{{}} and {{}} ({gap[pair]:.3g} apart)" for pair in kept)
+    words = ", ".join(f"{{}} and {{}} ({g3(gap[pair])} apart)" for pair in kept)
     names = tuple(str(markers.name[k]) for pair in kept for k in pair)
     said = f"neighbours that are never in one picture, as if a marker had moved meanwhile: {words}"
     return [Doubt(names, said, "marker")]
