@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import re
 import shutil
 import sys
 import tempfile
@@ -185,14 +186,68 @@ def column(file: str, name: str, change: Callable[[np.ndarray], np.ndarray]) -> 
     return planted
 
 
+def scaled(file: str, factors: dict[str, float]) -> Change:
+    """Numbers of a project's keys in another unit."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        path = folder / file
+        lines = path.read_text(encoding="utf-8").splitlines()
+        for k, line in enumerate(lines):
+            key, equals, value = line.partition(" = ")
+            if equals and key in factors:
+                for number in re.findall(r"[-+0-9.e]+", value):
+                    value = value.replace(number, f"{float(number) * factors[key]:g}", 1)
+                lines[k] = f"{key} = {value}"
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    return planted
+
+
+def readings(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Change:
+    """Readings of the taps that are others': ``change`` of points and numbers (N,)."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        with (folder / "tap-pressures.csv").open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+        columns = {key: np.array([row[key] for row in rows]) for key in rows[0]}
+        columns["pressure_Pa"] = change(columns["point"], columns["pressure_Pa"])
+        io.write_table(folder / "tap-pressures.csv", columns)
+
+    return planted
+
+
+def of_the_other(point: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    """Readings of two points exchanged."""
+    first = point == point[0]
+    out = pressure.copy()
+    out[first], out[~first] = pressure[~first], pressure[first]
+    return out
+
+
+def of_the_next(point: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    """The row below each name: those of every point by one."""
+    return np.concatenate([np.roll(pressure[point == name], -1) for name in dict.fromkeys(point)])
+
+
+def cameras_exchanged(folder: Path, rng: np.random.Generator) -> None:
+    """Each of two cameras has the other's pictures."""
+    for path in sorted(folder.glob("images/**/*cam1*")):
+        other = path.with_name(path.name.replace("cam1", "cam2"))
+        spare = path.with_name("spare")
+        path.rename(spare)
+        other.rename(path)
+        spare.rename(other)
+
+
 def celsius(kelvin: np.ndarray) -> np.ndarray:
     """Kelvin as degrees Celsius."""
     return np.round(kelvin - 273.15, 3)
 
 
+EXCHANGED = Fault(cameras_exchanged, ("moved",), ("exchanged",))
 FOCAL, MOVED = Fault(cameras(longer, "cam1"), ("focal",), (EITHER,)), Fault(cameras(knocked, "cam2"), ("moved",))
 UNITS = Fault(table("markers.csv", inches), ("units",))
-SERIES = {"focal": FOCAL, "moved": MOVED, "units": UNITS}
+SERIES = {"focal": FOCAL, "moved": MOVED, "units": UNITS, "exchanged": EXCHANGED}
 FAULTS: dict[str, dict[str, Fault]] = {
     "deform": {
         **SERIES,
@@ -206,6 +261,10 @@ FAULTS: dict[str, dict[str, Fault]] = {
         "bent": Fault(rigid("psp.toml"), ("bent",)),
         "dark": Fault(text("psp.toml", ('dark = "calibration/dark', 'dark = "calibration/flat')), (), ("dark",)),
         "taps hPa": Fault(column("tap-pressures.csv", "pressure_Pa", lambda p: p / 100), ("taps", "units")),
+        "taps of the other point": Fault(readings(of_the_other), ("taps",)),
+        "taps of the next row": Fault(readings(of_the_next), ("taps",)),
+        "lamps cm": Fault(scaled("psp.toml", {"position": 0.1}), ("lamps", "units")),
+        "loads in m": Fault(scaled("psp.toml", {"area": 1e-6, "chord": 1e-3}), ("units",), ("area", "chord")),
         "wall in C": Fault(
             column("thermocouple-readings.csv", "temperature_K", celsius), ("units",), ("temperature", "thermocouple")
         ),
@@ -236,7 +295,7 @@ def make(kind: str, folder: Path, seed: int) -> None:
     if kind == "deform":
         simulate_deforming(folder, seed, 4, (640, 400))
     elif kind == "psp":
-        simulate_psp(folder, seed, 1)
+        simulate_psp(folder, seed, 2)
     elif kind == "infrared":
         simulate_infrared(folder, seed, 14)
     else:

@@ -19,6 +19,7 @@ from windmark.calibration.lens_choice import lens_words
 from windmark.calibration.quality import Comparison, SplitHalf, compare
 from windmark.errors import UsageError, g2
 from windmark.geometry import Camera
+from windmark.pipeline.alike import left_out
 from windmark.pipeline.calibrate import (
     Board,
     Calibrated,
@@ -43,8 +44,6 @@ from windmark.tasks.calibrate.rig import Beside, beside
 
 Record = dict[str, Any]
 Pictures = Sequence[Picture] | None
-MOST_REASONS, MOST_NAMES = 4, 8
-"""Reasons, and names for each, that a refusal lists."""
 
 
 @dataclass(frozen=True)
@@ -223,19 +222,7 @@ def _why(no: NotCalibrated) -> str:
     parts = [f"not calibrated: {no.reason}"]
     if no.weak and not all(w in no.reason for w in no.weak):
         parts.append(f"not determined: {', '.join(no.weak)}")
-    if no.dropped:
-        alike: dict[str, list[str]] = {}
-        for name, why in no.dropped.items():
-            alike.setdefault(why, []).append(name)
-        some = list(alike.items())[:MOST_REASONS]
-        rest = len(no.dropped) - sum(len(names) for _, names in some)
-        parts.append("could not take part: " + "; ".join(f"{_few(names)} ({why})" for why, names in some)
-                     + (f"; and {rest} more" if rest else ""))  # fmt: skip
-    return ". ".join(parts)
-
-
-def _few(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST_NAMES]) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
+    return ". ".join([*parts, *left_out(no.dropped, no.reason)])
 
 
 def _refusal(no: NotCalibrated, matched: Pictures) -> Record:

@@ -17,6 +17,7 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import Distance
 from windmark.errors import UsageError, g2
 from windmark.geometry import Camera
+from windmark.pipeline.alike import left_out
 from windmark.pipeline.calibrate import MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import sigma_rms
 from windmark.pipeline.calibrate.read import picture_names
@@ -185,10 +186,7 @@ def _write(
 
 def _why(no: NotReconstructed) -> str:
     """The refusal in words: reason, and which pictures could not take part."""
-    some = [f"{name} ({why})" for name, why in list(no.dropped.items())[:8]]
-    rest = len(no.dropped) - len(some)
-    left = f". Could not take part: {'; '.join(some)}" if some else ""
-    return f"not reconstructed: {no.reason}{left}{f'; and {rest} more' if rest else ''}"
+    return ". ".join([f"not reconstructed: {no.reason}", *left_out(no.dropped, no.reason)])
 
 
 def _refusal(no: NotReconstructed, pictures: Sequence[Picture]) -> Record:

@@ -65,7 +65,7 @@ def with_control(job: Job, state: NetworkState, good: Mask, options: dict[str, A
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[obs.point[alone.taken]] = True
     control = control_of(job, seen)
-    if len(control.point) and not _placing(control):
+    if not len(control) or (len(control.point) and not _placing(control)):
         return Held(job, every_mark(job, state, good, options))  # which refuses the datum
     rough = align(alone.state.points[seen], job.markers.xyz[seen], scale=alone.covariance.motions.shape[1] == 7)
     verdict = judge(control, alone, rough)

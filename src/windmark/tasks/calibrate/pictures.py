@@ -205,12 +205,11 @@ def _without_labels(picture: MatchedPicture) -> MatchedPicture:
 
 def _too_few(pictures: Sequence[MatchedPicture], n: int) -> NotCalibrated:
     good = sum(p.registration is not None for p in pictures)
-    one = next(p for p in pictures if p.problem)
+    one = next((p for p in pictures if p.problem), None)
     how = "to the rough markers" if n == 1 else "again"
-    reason = (
-        f"{good} of {len(pictures)} pictures were matched with certainty {how}; {LEAST_PICTURES} are needed to go on "
-        f"from. {one.name}: {one.problem}. The label of a marker in some pictures tells labellings apart"
-    )
+    needed = f"{LEAST_PICTURES} are needed to go on from"
+    reason = f"{good} of {len(pictures)} pictures were matched with certainty {how}; {needed}"
+    reason += f". {one.name}: {one.problem}" if one else ": take more, from other sides"
     return NotCalibrated(reason, "too_few", dropped={p.name: p.problem for p in pictures if p.problem})
 
 
@@ -247,7 +246,8 @@ def _match(
     )  # fmt: skip
     if isinstance(answer, Registration):
         return replace(picture, registration=answer, problem="", round=picture.round or n)
-    return replace(picture, registration=None, problem=answer.reason)
+    apart = "; the label of a marker in some pictures tells labellings apart"
+    return replace(picture, registration=None, problem=answer.reason + apart * (answer.cause == "ambiguous"))
 
 
 def _marks(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -44,11 +45,13 @@ class OtherFocal:
         return Doubt((self.camera,), words, "focal")
 
 
-def refuse_gross(task: Task, structure: Structure, words: str = "") -> None:
-    """`Refused` where the given focal length is grossly off by a structure's pictures; ``words`` are added."""
-    gross = [f for f in other_focals(task, structure) if abs(f.seen / f.given - 1) > GROSS]
+def refuse_gross(task: Task, structure: Structure, words: str = "", **known: Any) -> list[OtherFocal]:
+    """`other_focals`; `Refused` where the given one is grossly off by a structure's pictures; ``words`` are added."""
+    found = other_focals(task, structure, **known)
+    gross = [f for f in found if abs(f.seen / f.given - 1) > GROSS]
     if gross:
         raise Refused("focal", f"{gross[0]}{words}")
+    return found
 
 
 def other_focals(

@@ -16,7 +16,7 @@ from windmark.geometry import Camera
 from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Tracks, View
 from windmark.tasks.reconstruct.again import Answers, asked_again
 from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, off_their_table
-from windmark.tasks.reconstruct.focal import other_focals, refuse_gross
+from windmark.tasks.reconstruct.focal import refuse_gross
 from windmark.tasks.reconstruct.frame import Frame, FreeFrame, Held
 from windmark.tasks.reconstruct.free import frame_words
 from windmark.tasks.reconstruct.groups import Framed, framed, why_left
@@ -107,7 +107,9 @@ def reconstruct(
         refuse_gross(task, known.group.structure)
         begun: Frame = Held(task, known.group.structure, known.located) if known.located else FreeFrame(task, distances)
         structure, result, names, linked_marks, how, said = _confirmed(task, known, begun, free)
-        focals = other_focals(task, structure, begun.datum, names, begun.table, begun.distances)
+        focals = refuse_gross(
+            task, structure, datum=begun.datum, names=names, table=begun.table, distances=begun.distances
+        )
     except Refused as refusal:
         dropped |= {task.views[v].name: "could not be connected with the others" for v in refusal.alone}
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
