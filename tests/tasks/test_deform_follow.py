@@ -11,6 +11,7 @@ from windmark.pipeline.deform import DeformationTest, FrameImages, Station, foll
 from windmark.scene import Detections, MarkerSet
 from windmark.synth import disc_image
 from windmark.tasks.deform import follow as follow_module
+from windmark.tasks.deform import sights as sights_module
 from windmark.tasks.deform.cold import Found
 from windmark.tasks.deform.spots import Labelled, around
 from windmark.tasks.deform.task import LookOptions
@@ -125,3 +126,20 @@ def test_chances_of_several_pictures_together():
     assert np.mean(combined < 0.01) == pytest.approx(0.01, abs=0.003)
     assert np.mean(combined < 0.5) == pytest.approx(0.5, abs=0.02)
     assert together([1e-3] * 12) < 1e-10
+
+
+@pytest.mark.parametrize(("far", "odd"), [(220.0, {}), (6.0, {5: (6.0, 6.0)})])
+def test_a_spot_at_a_markers_own_place_in_one_camera_makes_no_other_one_of_the_next_camera_its(monkeypatch, far, odd):
+    """One camera sees the marker where it is: what is beside it in the other one has to be unlikely by itself."""
+    near = {"left": (0.1, 0.1, 1e-9), "right": (far, far, np.pi * far**2 / (400 * 300))}
+    found = lambda _spots, _own, _at, station, *_: [(5, *near[station.name])]  # noqa: E731
+    monkeypatch.setattr(sights_module, "_without_spot", found)
+    stations = tuple(Station(name, CAMERA, AWAY) for name in near)
+    test = DeformationTest(stations, markers(), Volumes.of([]), look=LookOptions((5.0,)))
+    every = spots(CAMERA.project(AWAY.apply(PLACES))[0])
+    labelled = {name: around(every, CAMERA, AWAY, markers()) for name in near}
+    monkeypatch.setattr(sights_module, "displaced", lambda table, _state: table)
+    usual = sights_module.Usual()
+    usual.learn_odd(dict.fromkeys(near, every), test, labelled, None, {})
+    assert usual.odd["right"] == odd
+    assert usual.odd["left"] == {}

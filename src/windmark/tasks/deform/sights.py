@@ -60,13 +60,14 @@ class Usual:
                 for marker, px, length, p in _without_spot(
                     every, own, placed, test.station(name), state, hidden.get(name)
                 ):
-                    alone.setdefault(marker, {})[name] = px, length
-                    chance.setdefault(marker, []).append(p)
+                    if px > OWN_PX:  # nearer it is the marker itself, which says nothing of another place
+                        alone.setdefault(marker, {})[name] = px, length
+                        chance.setdefault(marker, []).append(p)
         self.odd = {name: {} for name in labelled}
         for marker, of in alone.items():
             if len(alone) * together(chance[marker]) < CHANCE:
                 for name, (px, length) in of.items():
-                    if OWN_PX < px < np.inf:
+                    if px < np.inf:
                         self.odd[name][marker] = px, length
 
     def forget_odd(self, labelled: dict[str, Labelled], used: NDArray[np.bool_]) -> None:
