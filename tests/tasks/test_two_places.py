@@ -1,5 +1,7 @@
 """What moved as a whole between the pictures is named, though each of its markers tells too little alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,7 +28,13 @@ def scene(rng, moved, step=STEP, sides=None):
     seen = np.hstack([seen, *shown])
     # Pictures lie in pairs: of the three that should show the other place, each has one picture from its side.
     alike = np.kron(np.eye(VIEWS // 2), np.ones((2, 2))) > 0
-    return markers, Sight(seen, np.ones_like(seen), alike, RATE)
+    return markers, Sight(seen, np.ones_like(seen), alike, around(VIEWS), RATE)
+
+
+def around(count):
+    """Places of pictures round the plate, two and two beside each other."""
+    angle = 2 * np.pi * (np.arange(count) // 2) / (count // 2) + 0.2 * (np.arange(count) % 2)
+    return np.stack([900 * np.cos(angle), 900 * np.sin(angle), np.full(count, 2500.0)], axis=1)
 
 
 def named(doubts):
@@ -63,4 +71,13 @@ def test_markers_that_are_missed_at_random_are_no_doubt(seed):
     markers, sight = scene(rng, 0)
     assert two_places(markers, sight) == []
     poor = rng.random(sight.seen.shape) < 0.4
-    assert two_places(markers, Sight(sight.seen & poor, sight.inside, sight.alike, 0.34)) == []
+    assert two_places(markers, replace(sight, seen=sight.seen & poor, rate=0.34)) == []
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_hidden_from_one_side_has_not_moved(seed):
+    """The pictures that show the one are taken from the left, those of the other from the right of something before."""
+    markers, sight = scene(np.random.default_rng(seed), 8)
+    place = sight.place.copy()
+    place[:, 0] = np.where(np.arange(VIEWS) % 2 == 0, -300.0, 300.0)
+    assert two_places(markers, replace(sight, place=place)) == []

@@ -16,6 +16,7 @@ from windmark.calibration.datum import Free
 from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.lens_known import RADIAL, radial_spread
 from windmark.calibration.result import Calibration
+from windmark.calibration.rough_places import held_by_table
 from windmark.calibration.setup import Job, frames_of, views_of
 from windmark.calibration.solve import Solved
 from windmark.calibration.swaps import swapped
@@ -47,7 +48,13 @@ def calibration(
     seen[obs.point[solved.taken]] = True
     doubts = (*doubts, *_lost(job, solved))
     if chosen is not None:
-        known = chosen & seen
+        known = np.flatnonzero(chosen & seen)
+        names, unit = [str(n) for n in job.markers.name[known]], job.markers.length_unit or ""
+        held, beside = held_by_table(
+            solved.state.points[known], job.markers.xyz[known], names, unit, scale=motions == 7
+        )
+        doubts, known = (*doubts, *beside), known[held]
+        chosen = chosen & np.isin(np.arange(len(chosen)), known)
         solved = _in_frame(solved, align(solved.state.points[known], job.markers.xyz[known], scale=motions == 7))
     state, discs = solved.state, solved.discs
     covariance = in_datum(solved.covariance, chosen)

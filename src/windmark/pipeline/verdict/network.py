@@ -19,10 +19,11 @@ from windmark.tasks.calibrate.run import Calibrated
 from windmark.tasks.reconstruct.result import NotReconstructed, Reconstruction
 
 STEPS = {
+    "units": "correct the unit of places or radii in the table of markers",
     "swapped": "correct the names in the table of marks, or take the exchange as found",
     "marker": "measure it again, or leave it out",
     "picture": "look at this picture: focus, labels, or a marker that had moved",
-    "focal": "free the focal length of these pictures (free_focal), and lock focus and zoom",
+    "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",
     "control": "measure the named ones again, or leave the wrong one out",
     "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
     "(--board-marks)",

@@ -22,6 +22,9 @@ LEAST_EXPECTED = 20
 """Expected spots from which the rate of those that are found is known."""
 LEAST_OFTEN = 3
 """Pictures that should show a marker whose own rate is asked."""
+LEAST_RADII, OTHER_UNIT = 3, 2.5
+"""Primaries whose discs say whether radii and places of the table have one unit, and by how much that is another one:
+diameters for radii, blur and printing are less."""
 CHANCE = 1e-3
 """How often, in a whole reconstruction, chance may look like a doubt."""
 
@@ -34,6 +37,7 @@ class Sight:
     ----------
     seen, inside : (V, N) the marker has a spot in the picture; its place is within the picture
     alike : (V, V) pictures from nearly one direction
+    place : (V, 3) where each picture was taken, NaN of one without a pose
     rate : part of the expected spots that is found, of a marker in the middle (one that moved is found half as often);
         NaN where too few are expected
     """
@@ -41,6 +45,7 @@ class Sight:
     seen: Mask
     inside: Mask
     alike: Mask
+    place: NDArray[np.float64]
     rate: float
 
     @classmethod
@@ -48,12 +53,13 @@ class Sight:
         """From a reconstruction; pictures without a pose show nothing."""
         seen = np.zeros((len(views), len(markers)), dtype=np.bool_)
         seen[tracks.view, tracks.track] = True
-        inside, way = np.zeros_like(seen), np.zeros((len(views), 3))
+        inside, way, place = np.zeros_like(seen), np.zeros((len(views), 3)), np.full((len(views), 3), np.nan)
         centre = markers.xyz.mean(axis=0)
         for v, view in enumerate(views):
             if view.cam_from_model is not None:
                 inside[v] = in_field(markers.xyz, view, cameras)
-                way[v] = view.cam_from_model.center - centre
+                place[v] = view.cam_from_model.center
+                way[v] = place[v] - centre
         way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), np.finfo(float).tiny)
         alike = way @ way.T > np.cos(np.radians(ALIKE_DEG))
         others = alike & ~np.eye(len(views), dtype=np.bool_)
@@ -61,7 +67,30 @@ class Sight:
         often = expected.sum(axis=0) >= LEAST_OFTEN
         found = (seen & expected).sum(axis=0)[often] / expected.sum(axis=0)[often]
         enough = len(found) and expected.sum() >= LEAST_EXPECTED
-        return cls(seen, inside, alike, float(np.median(found)) if enough else np.nan)
+        return cls(seen, inside, alike, place, float(np.median(found)) if enough else np.nan)
+
+
+def radii_differ(task: Task, markers: MarkerSet, tracks: Tracks, views: Sequence[View]) -> list[Doubt]:
+    """Whether the primaries' discs are as large as their table says; a table in another unit has them a hundredfold.
+
+    What a disc is across where it is seen: its larger half axis times depth over focal length.
+    """
+    table = {str(n): float(r) for n, r in zip(task.primary.name, task.primary.radius, strict=True) if r > 0}
+    of: dict[str, list[float]] = {}
+    for v, track, spot in zip(tracks.view.tolist(), tracks.track.tolist(), tracks.detection.tolist(), strict=True):
+        name, pose = str(markers.name[track]), views[v].cam_from_model
+        if name in table and pose is not None:
+            depth = float(pose.apply(markers.xyz[track])[2])
+            px = float(np.nanmax([task.detections[v].radius_px[spot], *task.detections[v].axes_px[spot]]))
+            of.setdefault(name, []).append(px * depth / task.camera(v).focal_px / table[name])
+    if len(of) < LEAST_RADII:
+        return []
+    ratio = float(np.median([np.median(each) for each in of.values()]))
+    if 1 / OTHER_UNIT < ratio < OTHER_UNIT:
+        return []
+    size = f"{g3(1 / ratio)} times smaller" if ratio < 1 else f"{g3(ratio)} times larger"
+    words = f"by their places the primary markers' discs are {size} than the radii of their table: another unit?"
+    return [Doubt((), words, "units")]
 
 
 def in_field(xyz: NDArray[np.float64], view: View, cameras: Mapping[str, Camera]) -> Mask:

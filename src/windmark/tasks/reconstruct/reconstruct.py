@@ -15,7 +15,7 @@ from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Tracks, View
 from windmark.tasks.reconstruct.again import Answers, asked_again
-from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, off_their_table
+from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, off_their_table, radii_differ
 from windmark.tasks.reconstruct.focal import refuse_gross
 from windmark.tasks.reconstruct.frame import Frame, FreeFrame, Held
 from windmark.tasks.reconstruct.free import frame_words
@@ -129,7 +129,8 @@ def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstr
     why, off = off_their_table(task.primary, out.markers, sight, out.views, out.cameras)
     pictures = {str(v): view.name for v, view in enumerate(task.views)}
     labels = labels_that_differ(task, out.tracks, out.markers)
-    doubts = (*(d.renamed(pictures) for d in said), *labels, *two_places(out.markers, sight), *off)
+    radii = radii_differ(task, out.markers, out.tracks, out.views)
+    doubts = (*radii, *(d.renamed(pictures) for d in said), *labels, *two_places(out.markers, sight), *off)
     return replace(out, doubts=doubts, unrecognised=why)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
@@ -77,7 +78,8 @@ def _exclusive(xyz: Array, sight: Sight) -> _Pairs:
             continue
         of_first = int((first & sight.inside[:, j] & (sight.alike @ second)).sum())
         of_second = int((second & sight.inside[:, i] & (sight.alike @ first)).sum())
-        if min(of_first, of_second):
+        where = sight.place - (xyz[i] + xyz[j]) / 2
+        if min(of_first, of_second) and not _apart(where[first & ~second], where[second & ~first]):
             found.append((i, j, of_first, of_second))
     a, b, of_a, of_b = np.array(found, dtype=np.int64).reshape(-1, 4).T
     alone = np.log(max(2 * (1 - sight.rate) / (2 - sight.rate), np.finfo(float).tiny))
@@ -86,6 +88,19 @@ def _exclusive(xyz: Array, sight: Sight) -> _Pairs:
         a, b, alone * (of_a + of_b), np.minimum(of_a, of_b), xyz[b] - xyz[a], far[a, -1],
         (seen[:, a] - seen[:, b]).T, len(every),
     )  # fmt: skip
+
+
+def _apart(one: Array, other: Array) -> bool:
+    """Whether a line parts the directions from which one marker is seen from those of the other: something before them
+    hides now one, now the other, and nothing has moved.
+    """
+    way = np.concatenate([one, other])
+    way = way / np.linalg.norm(way, axis=1, keepdims=True)
+    _, _, axes = np.linalg.svd(way - way.mean(axis=0))
+    side = np.r_[np.ones(len(one)), -np.ones(len(other))]
+    # side (w x + b) >= 1 for some w, b
+    rows = -side[:, None] * np.column_stack([(way - way.mean(axis=0)) @ axes[:2].T, np.ones(len(way))])
+    return bool(linprog(np.zeros(3), rows, -np.ones(len(way)), bounds=(None, None)).status == 0)
 
 
 def _each(pairs: _Pairs) -> Mask:
