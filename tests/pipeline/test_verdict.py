@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from windmark import io, synth
-from windmark.errors import WindmarkError
+from windmark.errors import WindmarkError, g1
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.record import FrameRecord as DeformFrame
 from windmark.pipeline.infrared.record import FrameRecord
@@ -36,7 +36,7 @@ from windmark.pipeline.verdict import (
     units_findings,
 )
 from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_blur
-from windmark.pipeline.verdict.registered import MOVED, REFUSALS, one_digit, refused
+from windmark.pipeline.verdict.registered import MOVED, REFUSALS, refused
 from windmark.registration import NotRegistered
 from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
 from windmark.scene import Detections, Mesh
@@ -198,7 +198,7 @@ def test_units_of_three_markers_say_nothing(tunnel):
 
 @pytest.mark.parametrize(("value", "words"), [(0.0109, "0.01"), (0.36, "0.4"), (2.2, "2"), (0.0, "0")])
 def test_an_estimate_has_one_digit(value, words):
-    assert one_digit(value) == words
+    assert g1(value) == words
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_an_infrared_run_is_judged_by_what_its_cameras_see_and_by_its_sigma():
     assert infrared_verdict(fewer).cause == "covered"
     verdict = infrared_verdict(frames(seen=0.3, median_sigma_T=190.0))
     assert (verdict.word, verdict.cause) == (BAD, "units")
-    assert "known to 1.9e+02 K only" in verdict.reason
+    assert "known to 190 K only" in verdict.reason
 
 
 def test_a_point_of_a_polar_is_judged_by_the_side_that_cameras_show():
@@ -257,7 +257,7 @@ def test_taps_that_disagree_by_more_than_the_sigmas_explain_are_doubted():
     assert psp_verdict([point]).word == GOOD
     off = psp_verdict([replace(point, fit=fit | {"scatter_Pa": 3700.0, "rms_Pa": 3500.0})])
     assert (off.word, off.cause) == (DOUBTFUL, "taps")
-    assert "differ by 3.7e+03 Pa beyond their sigmas, which explain 300 Pa" in off.reason
+    assert "differ by 3700 Pa beyond their sigmas, which explain 300 Pa" in off.reason
     assert "no tap checks their level" in psp_verdict([replace(point, fit={})]).reason
 
 
