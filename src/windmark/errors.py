@@ -42,4 +42,4 @@ def g1(value: SupportsFloat) -> str:
 
 
 def _plain(text: str) -> str:
-    return f"{float(text):.0f}" if "e+0" in text and float(text) < 1e6 else text
+    return f"{float(text):.0f}" if "e+0" in text and abs(float(text)) < 1e6 else text

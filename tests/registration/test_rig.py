@@ -9,6 +9,7 @@ import registration_scenes as scenes
 import windmark as wm
 from windmark.geometry import Pose, imaged_ellipse
 from windmark.geometry.rotations import hat
+from windmark.pipeline.verdict.registered import EXCHANGED
 from windmark.registration import NotRegistered, RigRegistration, prepare, register, register_rig
 from windmark.scene import Detections, MarkerSet
 
@@ -337,3 +338,4 @@ def test_two_cameras_in_each_others_place_are_named(cameras):
     refused = register_rig(spots, markers, each, [poses[1], poses[0], *poses[2:]])
     assert refused.cause == "exchanged"
     assert "camera 0 and camera 1 are exchanged" in refused.reason
+    assert EXCHANGED in refused.reason  # what the verdict on a series knows it by

@@ -190,7 +190,7 @@ def sentences(sequence: Sequence, which: str) -> dict[str, int]:
         for kind, words in kinds.items():
             first.setdefault(kind, f"frame {row.key}: {words}")
         count.update(kinds.keys())
-    return {first[alike]: n for alike, n in count.most_common()}
+    return {first[kind]: n for kind, n in count.most_common()}
 
 
 def cameras_record(sequence: Sequence) -> Record:

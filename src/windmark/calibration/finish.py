@@ -41,21 +41,14 @@ def calibration(
 
     What is not determined must have been refused before (`refuse_weak`).
     """
-    motions = solved.covariance.motions.shape[1]
     chosen = datum_points(job)
     obs = job.observations
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[obs.point[solved.taken]] = True
     doubts = (*doubts, *_lost(job, solved))
     if chosen is not None:
-        known = np.flatnonzero(chosen & seen)
-        names, unit = [str(n) for n in job.markers.name[known]], job.markers.length_unit or ""
-        held, beside = held_by_table(
-            solved.state.points[known], job.markers.xyz[known], names, unit, scale=motions == 7
-        )
-        doubts, known = (*doubts, *beside), known[held]
-        chosen = chosen & np.isin(np.arange(len(chosen)), known)
-        solved = _in_frame(solved, align(solved.state.points[known], job.markers.xyz[known], scale=motions == 7))
+        solved, chosen, beside = _by_table(job, solved, chosen, chosen & seen)
+        doubts = (*doubts, *beside)
     state, discs = solved.state, solved.discs
     covariance = in_datum(solved.covariance, chosen)
     scale = solved.scale
@@ -166,6 +159,30 @@ def transformed(state: NetworkState, fit: Similarity) -> NetworkState:
     if offsets is not None:
         offsets = Pose(offsets.rotation, fit.scale * offsets.translation)
     return replace(state, frames=fit.moved(state.frames), points=fit.apply(state.points), offsets=offsets)
+
+
+def _by_table(job: Job, solved: Solved, chosen: Mask, known: Mask) -> tuple[Solved, Mask, tuple[Doubt, ...]]:
+    """A free network in its table's frame, by those of the ``known`` markers that hold it: which (N,), and doubts."""
+    scale = solved.covariance.motions.shape[1] == 7
+
+    def fitted(by: Mask) -> Solved:
+        return _in_frame(solved, align(solved.state.points[by], job.markers.xyz[by], scale=scale))
+
+    def held(of: Solved, spread: Array) -> tuple[Mask, tuple[Doubt, ...]]:
+        names, unit = [str(n) for n in job.markers.name[known]], job.markers.length_unit or ""
+        return held_by_table(of.state.points[known], job.markers.xyz[known], spread, names, unit, scale=scale)
+
+    whole = fitted(known)
+    if held(whole, np.zeros(int(known.sum())))[0].all():
+        return whole, chosen, ()
+    # Some are far from the table: what the pictures leave open of them is asked only then.
+    cov = in_datum(whole.covariance, chosen).points()[known] * whole.scale
+    on, doubts = held(whole, np.sqrt(np.maximum(np.trace(cov, axis1=1, axis2=2) / 3, 0.0)))
+    if on.all():
+        return whole, chosen, ()
+    by = known.copy()
+    by[known] = on
+    return fitted(by), by, doubts
 
 
 def _in_frame(solved: Solved, fit: Similarity) -> Solved:

@@ -50,12 +50,13 @@ def from_table(
         View(str(n), by.camera, str(table.frame[k]) or by.frame, (poses or {}).get(str(n)))
         for n, by, k in zip(names, who, first, strict=True)
     )
-    size = np.array([cameras[v.camera].size_px for v in views])[view]
-    for k in np.flatnonzero(((table.xy < -1.0) | (table.xy > size)).any(axis=1))[:1].tolist():
-        raise UsageError(
-            f"{table.name[k]} in {table.image[k] or 'the picture'} is at {table.xy[k, 0]:.1f}, {table.xy[k, 1]:.1f} px,"
-            f" outside the {size[k, 0]} x {size[k, 1]} px of its camera (--size, or the camera's file)"
-        )
+    for v, of in enumerate(views):
+        camera, own = cameras[of.camera], np.flatnonzero(view == v)
+        for k in own[~camera.in_image(table.xy[own])][:1].tolist():
+            raise UsageError(
+                f"{table.name[k]} in {of.name or 'the picture'} is at {table.xy[k, 0]:.1f}, {table.xy[k, 1]:.1f} px, "
+                f"outside the {camera.size_px[0]} x {camera.size_px[1]} px of its camera (--size, or the camera's file)"
+            )
     cov = with_sigma(table.cov, sigma_px)
     point = np.array([place[str(n)] for n in table.name], dtype=np.int64)
     return Marks(Observations(view.astype(np.int64), point, table.xy, cov), markers, cameras, views)

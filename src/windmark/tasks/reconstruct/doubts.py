@@ -81,8 +81,10 @@ def radii_differ(task: Task, markers: MarkerSet, tracks: Tracks, views: Sequence
         name, pose = str(markers.name[track]), views[v].cam_from_model
         if name in table and pose is not None:
             depth = float(pose.apply(markers.xyz[track])[2])
-            px = float(np.nanmax([task.detections[v].radius_px[spot], *task.detections[v].axes_px[spot]]))
-            of.setdefault(name, []).append(px * depth / task.camera(v).focal_px / table[name])
+            spots = task.detections[v]
+            px = float(np.fmax(spots.radius_px[spot], np.fmax(*spots.axes_px[spot])))
+            if px > 0:  # spots that were given may have no radius
+                of.setdefault(name, []).append(px * depth / task.camera(v).focal_px / table[name])
     if len(of) < LEAST_RADII:
         return []
     ratio = float(np.median([np.median(each) for each in of.values()]))

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
@@ -94,6 +93,8 @@ def _apart(one: Array, other: Array) -> bool:
     """Whether a line parts the directions from which one marker is seen from those of the other: something before them
     hides now one, now the other, and nothing has moved.
     """
+    from scipy.optimize import linprog
+
     way = np.concatenate([one, other])
     way = way / np.linalg.norm(way, axis=1, keepdims=True)
     _, _, axes = np.linalg.svd(way - way.mean(axis=0))
