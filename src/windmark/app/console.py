@@ -281,14 +281,10 @@ def _natural(text: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]
 
 
-def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None, *, first: str = "") -> None:
-    """The data say no: print the reason, leave with exit code 1.
-
-    ``first``: why the first of many was refused, which was printed above but is not in the record.
-    """
+def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None) -> None:
+    """The data say no: print the reason, leave with exit code 1."""
     if as_json:
-        whole = f"{reason}; the first: {first}" if first else reason
-        answer({**(record or {}), "error": whole}, True, [])
+        answer({**(record or {}), "error": reason}, True, [])
     complain(reason)
     raise typer.Exit(DATA_SAY_NO)
 

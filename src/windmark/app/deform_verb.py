@@ -98,7 +98,7 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
         ])  # fmt: skip
     if not good:
         why = sequence.records[0].reason if sequence.records else "no frame arrived"
-        console.refuse("no frame gave a deformation", as_json, record, first=why)
+        console.refuse(f"no frame gave a deformation; the first: {why}", as_json, record)
 
 
 def _live(loaded: Loaded, folder: Path, live: Live, resume: bool, as_json: bool) -> Sequence:

@@ -67,7 +67,7 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         ])  # fmt: skip
     if not good:
         why = result.records[0].reason if result.records else "there are no frames"
-        console.refuse("no frame could be reduced", as_json, record, first=why)
+        console.refuse(f"no frame could be reduced; the first: {why}", as_json, record)
 
 
 def summary(run: InfraredRun, result: InfraredResult) -> Record:

@@ -69,7 +69,7 @@ def psp(
         ])  # fmt: skip
     if not good:
         why = records[0].reason if records else "the table has no points"
-        console.refuse("no point could be reduced", as_json, record, first=why)
+        console.refuse(f"no point could be reduced; the first: {why}", as_json, record)
 
 
 def summary(test: PspTest, records: list[PointRecord]) -> Record:
