@@ -76,7 +76,10 @@ def test_labels_of_one_picture_name_the_primaries():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "wrong"), [("model", 0.93), ("model", 1.05), ("plate", 1.05), ("plate", 0.93)])
+@pytest.mark.parametrize(
+    ("kind", "wrong"),
+    [("model", 0.93), ("model", 1.5), ("model", 0.7), ("plate", 1.05), ("plate", 1.3)],
+)
 def test_a_focal_length_that_is_far_off_is_the_reason_of_the_refusal(kind, wrong):
     case = scenes.make(12, kind, "walk", views=6, points=60)
     given = replace(case.camera, focal_px=case.camera.focal_px * wrong)
@@ -85,6 +88,16 @@ def test_a_focal_length_that_is_far_off_is_the_reason_of_the_refusal(kind, wrong
     assert answer.cause == "focal"
     seen = float(answer.reason.split("a focal length of ")[1].split()[0])
     assert seen == pytest.approx(case.camera.focal_px, rel=0.01)
+
+
+def test_a_free_focal_length_is_found_from_far_off_by_three_pictures_that_fit_together():
+    case = scenes.make(12, "model", "walk", views=6, points=60)
+    rough = replace(case.camera, focal_px=case.camera.focal_px * 1.3)
+    result = reconstruct(case.detections, rough, primaries(case), free=("focal_px",))
+    assert result, result.reason
+    assert not result.dropped
+    found = result.cameras["camera"].focal_px
+    assert abs(found - case.camera.focal_px) < 4 * result.calibration.sigma("camera", "focal_px")
 
 
 def test_a_focal_length_that_is_a_little_off_is_a_doubt_and_the_right_one_none():

@@ -50,7 +50,7 @@ def refuse_gross(task: Task, structure: Structure, words: str = "", **known: Any
     found = other_focals(task, structure, **known)
     gross = [f for f in found if abs(f.seen / f.given - 1) > GROSS]
     if gross:
-        raise Refused("focal", f"{gross[0]}{words}")
+        raise Refused("focal", f"{gross[0]}{words}; give the right one, or free `{FOCAL}`")
     return found
 
 

@@ -13,6 +13,7 @@ from windmark.geometry import DegenerateGeometry, Pose
 from windmark.registration import Registration, pose_from_labels, prepare, register
 from windmark.scene import MarkerSet
 from windmark.tasks.reconstruct.again import asked_again
+from windmark.tasks.reconstruct.focal import FOCAL, refuse_gross
 from windmark.tasks.reconstruct.matched import PairMatcher
 from windmark.tasks.reconstruct.seed import FEWEST_POINTS, seeds, settled
 from windmark.tasks.reconstruct.structure import Structure, adjusted, compact, linked, point_names
@@ -30,6 +31,9 @@ SURE = 4
 """Views that fit together only where none of them is wrong: a group of pictures, if others do not join it."""
 LEAST_COMMON = 6
 """Links to known points that give a pose."""
+LONELY = 3
+"""Pairs that no other picture joins with which another focal length is tried: two pictures match with almost any, a
+third one joins only with the right one."""
 
 
 def from_nothing(task: Task, views: list[int], match: PairMatcher) -> tuple[Structure, dict[int, str]]:
@@ -42,6 +46,7 @@ def from_nothing(task: Task, views: list[int], match: PairMatcher) -> tuple[Stru
     """
     best: tuple[Structure, dict[int, str]] | None = None
     covered: set[int] = set()
+    lonely = 0
     for seed in seeds(task, views, match, covered):
         if {seed.a, seed.b} <= covered:
             continue
@@ -54,11 +59,45 @@ def from_nothing(task: Task, views: list[int], match: PairMatcher) -> tuple[Stru
                 covered |= set(grown.poses)
             if best is None or len(grown.poses) > len(best[0].poses):
                 best = grown, found_by
-            if len(grown.poses) > len(views) // 2 or covered >= set(views):
+            if len(grown.poses) > max(len(views) // 2, 2) or covered >= set(views):
                 return best
+            if len(grown.poses) == 2 < len(views) and lonely < LONELY:
+                lonely += 1
+                other = _with_another_focal(task, start, views, match)
+                if other is not None:
+                    return other
     if best is None:
         raise Refused("no_pair", "pairs of pictures were matched, but none gives points that fit both pictures")
     return best
+
+
+def _with_another_focal(
+    task: Task, pair: Structure, views: list[int], match: PairMatcher
+) -> tuple[Structure, dict[int, str]] | None:
+    """What grows from a pair with the focal length that three pictures show together; None where nothing does.
+
+    Which spots of two pictures belong together hardly depends on the focal length, and three pictures with common
+    spots show it, from 40 % off.
+
+    Raises
+    ------
+    Refused
+        "focal", where it grows, the given one is grossly off, and it is not to be found.
+    """
+    for v in sorted(set(views) - set(pair.poses), key=lambda v: min(abs(v - p) for p in pair.poses))[:NEIGHBOURS]:
+        for other in pair.posed:
+            wider = _from_neighbour(task, pair, v, other, match)
+            result = None if wider is None else adjusted(task, wider, Free(), tuple({*task.free, FOCAL}))
+            if not isinstance(result, tuple):
+                continue
+            structure, seen = compact(result[0]), result[1].cameras
+            cameras = {n: replace(c, focal_px=seen[n].focal_px) if n in seen else c for n, c in task.cameras.items()}
+            how = dict.fromkeys(pair.poses, "pair") | {v: "neighbour"}
+            grown = grow(replace(task, cameras=cameras), replace(structure, cameras=cameras), how, views, match)
+            if len(grown[0].poses) >= min(SURE, len(views)):
+                refuse_gross(task, grown[0])
+                return grown if FOCAL in task.free else None
+    return None
 
 
 def grow(
