@@ -44,6 +44,7 @@ SMALLER = {
     "windmark simulate my-polar --psp 5": "windmark simulate my-polar --psp 1",
     "windmark simulate my-polar --psp 2": "windmark simulate my-polar --psp 1",
     "windmark simulate my-run --infrared 40": "windmark simulate my-run --infrared 8",
+    "windmark simulate my-model --photos 12": "windmark simulate my-model --photos 8",
     "windmark simulate my-photos --photos 24": "windmark simulate my-photos --photos 10",
     "windmark simulate my-swing --deforming 24 --clocks": "windmark simulate my-swing --deforming 8 --clocks",
     "windmark simulate my-wing --deforming 12": "windmark simulate my-wing --deforming 4",
