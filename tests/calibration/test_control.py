@@ -178,3 +178,36 @@ def test_a_small_sigma0_makes_nothing_surer(case):
     result, usual = (self_calibrate(o, markers, cameras, views, datum=Free()) for o in (loose, observations))
     assert result.sigma0 == pytest.approx(usual.sigma0 / 2, rel=0.05)
     np.testing.assert_allclose(result.markers.sigma, 2 * usual.markers.sigma / max(usual.sigma0, 1), rtol=0.05)
+
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize(("count", "refused"), [(4, True), (5, False), (9, False)])
+def test_two_known_markers_in_each_others_place_are_named_as_that(case, held, count, refused):
+    index = list(range(count))
+    start = known(case, index=index)
+    if held:
+        start[index] = case.truth.points[index]
+    start[[1, 3]] = start[[3, 1]]
+    result = run(case, start, datum=Fixed(names(index)) if held else Weighted(names(index), SIGMA))
+    assert isinstance(result, NotCalibrated) == refused
+    said = result.reason if refused else result.warnings[0]
+    what = "held marker" if held else "control point"
+    assert f"{what} m01 and {what} m03 are in each other's place in the table" in said
+    if not refused:
+        assert result.suspect == ("m01", "m03")
+        away = result.markers.xyz - case.truth.points[: len(result.markers)]
+        assert np.abs(away[[1, 3]]).max() < 6 * result.markers.sigma[[1, 3]].max()
+
+
+def test_held_markers_that_are_all_off_are_known_as_well_as_they_fit(case):
+    squares = []
+    for seed in range(6):
+        start, index = case.start.points.copy(), list(range(10))
+        start[index] = case.truth.points[index] + np.random.default_rng(seed).normal(0, 0.5, (10, 3))
+        result = run(case, start, datum=Fixed(names(index)))
+        assert isinstance(result, Calibration), result.reason
+        assert "held markers are off their table by some 0." in result.warnings[0]
+        assert "they were taken as known to that" in result.warnings[0]
+        assert result.used.mean() > 0.99  # no mark is to blame
+        squares.append((((result.markers.xyz - case.truth.points) / result.markers.sigma) ** 2).mean())
+    assert 0.6 < np.sqrt(np.mean(squares)) < 1.6

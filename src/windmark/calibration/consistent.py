@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust.network import NetworkState
 from windmark.calibration.agreement import Control
-from windmark.calibration.control import Verdict, control_of, judge
+from windmark.calibration.control import Verdict, control_of, hold_frame, judge
 from windmark.calibration.datum import Fixed, Free, Weighted
 from windmark.calibration.eccentric import fitting, with_eccentricity
 from windmark.calibration.finish import refuse_weak, transformed
@@ -65,7 +65,7 @@ def with_control(job: Job, state: NetworkState, good: Mask, options: dict[str, A
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[obs.point[alone.taken]] = True
     control = control_of(job, seen)
-    if not len(control) or (len(control.point) and not _placing(control)):
+    if not len(control) or (len(control.point) and not hold_frame(control.xyz)):
         return Held(job, every_mark(job, state, good, options))  # which refuses the datum
     rough = align(alone.state.points[seen], job.markers.xyz[seen], scale=alone.covariance.motions.shape[1] == 7)
     verdict = judge(control, alone, rough)
@@ -99,13 +99,6 @@ def _with_priors(held: Held, good: Mask, options: dict[str, Any]) -> Held:
     return replace(held, job=job, solved=solved, doubts=(*held.doubts, *doubts))
 
 
-def _placing(control: Control) -> bool:
-    """Whether the known points hold a network: three at least, not on a line."""
-    arm = control.xyz - control.xyz.mean(axis=0)
-    spread = np.linalg.svd(arm, compute_uv=False)
-    return len(arm) >= 3 and bool(spread[1] > 1e-3 * spread[0])
-
-
 def _alone(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved | None:
     """The network of the pictures without any control; None where there is no control, or they do not determine it."""
     if isinstance(job.datum, Free) and not job.distances:
@@ -122,7 +115,11 @@ def _alone(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -
 
 
 def _cleaned(job: Job, control: Control, verdict: Verdict) -> Job:
-    """The job with the right control, its sigmas enlarged where all of it fits worse than they say."""
+    """The job with the right control, its sigmas enlarged where all of it fits worse than they say.
+
+    Held markers are known as well as they fit, then: held where they are not, they would bend the network, or lose
+    their marks, until too few are left to hold it.
+    """
     points = len(control.point)
     bad = {str(job.markers.name[control.point[b]]) for b in verdict.wrong if b < points}
     gone = {int(control.distance[b - points]) for b in verdict.wrong if b >= points}
@@ -130,7 +127,9 @@ def _cleaned(job: Job, control: Control, verdict: Verdict) -> Job:
     if isinstance(datum, Fixed | Weighted) and bad:
         names = datum.markers if datum.markers is not None else markers.name.tolist()
         datum = replace(datum, markers=[n for n in names if n not in bad])
-    if isinstance(datum, Weighted) and factor > 1:
+    if isinstance(datum, Fixed) and factor > 1 and verdict.off > 0:
+        datum = Weighted(datum.markers if datum.markers is not None else markers.name.tolist(), verdict.off)
+    elif isinstance(datum, Weighted) and factor > 1:
         together = None if datum.covariance is None else datum.covariance.scaled(factor)
         datum = replace(datum, sigma=None if datum.sigma is None else datum.sigma * factor, covariance=together)
         markers = replace(markers, sigma=markers.sigma * factor)
@@ -172,6 +171,13 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[
             away = float(control.length[block - points] - np.linalg.norm(moved[a] - moved[b]))
         return f"{g3(away)} {job.markers.length_unit or ''}".rstrip()
 
+    if verdict.exchanged:
+        pair = [what(b).format(*names(b)) for b in verdict.exchanged]
+        how = "exchange their rows" if verdict.unclear else "both were left out; exchange their rows"
+        return (Doubt(
+            tuple(n for b in verdict.exchanged for n in names(b)),
+            f"{pair[0]} and {pair[1]} are in each other's place in the table: {how}", "control",
+        ),)  # fmt: skip
     if verdict.unclear:
         listed = ", ".join(f"{what(b)} ({off(b)})" for b in verdict.unclear)
         return (Doubt(
@@ -194,7 +200,7 @@ def _misfit(job: Job, verdict: Verdict) -> Doubt:
     times, far = f"{verdict.factor:.1f} times worse", f"{g2(verdict.off)} {job.markers.length_unit or ''}".rstrip()
     if isinstance(job.datum, Fixed) and not job.distances:
         return Doubt((), f"held markers are off their table by some {far} (they fit {times} than the pictures know "
-                         "them); the sigmas do not contain that", "table")  # fmt: skip
+                         "them); they were taken as known to that", "table")  # fmt: skip
     besides = f", as if known places were off by {far} more" if verdict.off > 0 else ""
     return Doubt((), f"the control fits {times} than its sigmas say{besides}, no single one is at fault; its sigmas "
                      "were enlarged", "control")  # fmt: skip

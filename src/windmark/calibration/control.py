@@ -5,7 +5,8 @@ The test is that of `agreement`; here what of it is left out, one block (a point
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ class Verdict:
     factor : how many times larger than their sigmas all misfits are where no single block explains it; 1 if they fit
     fit : takes the network onto the right control
     off : how far known points are off besides their sigmas then (1 sigma per coordinate, length units); 0: not asked
+    exchanged : the two points in each other's place, as far as that is what is `wrong` or `unclear`
     """
 
     fit: Similarity
@@ -43,6 +45,7 @@ class Verdict:
     unclear: tuple[int, ...] = ()
     factor: float = 1.0
     off: float = 0.0
+    exchanged: tuple[int, ...] = ()
 
 
 def control_of(job: Job, seen: Mask) -> Control:
@@ -81,7 +84,40 @@ def judge(control: Control, solved: Solved, rough: Similarity) -> Verdict:
             (*out.unclear, *(int(at[b]) for b in found.unclear)), max(out.factor, found.factor),
             max(out.off, found.off),
         )  # fmt: skip
-    return out
+    return out if not (out.wrong or out.unclear or out.factor > 1) else _with_exchanged(control, solved, out)
+
+
+def _with_exchanged(control: Control, solved: Solved, verdict: Verdict) -> Verdict:
+    """The verdict that two points are in each other's place, where they are the only ones of which that explains all.
+
+    Both are wrong then, if the others hold the frame without them; else it is not used.
+    """
+    n = len(control.point)
+    every = np.ones(len(control), dtype=np.bool_)
+    seen = Test(control, solved, verdict.fit).of(every)
+    worst = np.argsort(-seen.blocks().value[:n], kind="stable")[:TRIED]
+    pairs = []
+    for a, b in combinations(sorted(int(k) for k in worst), 2):
+        point = control.point.copy()
+        point[[a, b]] = point[[b, a]]
+        swapped = Test(replace(control, point=point), solved, verdict.fit).of(every)
+        if _fits(swapped, swapped.blocks(), every):
+            pairs.append((a, b, swapped.fit))
+    if len(pairs) != 1:
+        return verdict
+    a, b, fit = pairs[0]
+    both = {k: float(seen.blocks().value[k]) for k in (a, b)}
+    if hold_frame(np.delete(control.xyz, (a, b), axis=0)):
+        return Verdict(fit, both, exchanged=(a, b))
+    return Verdict(fit, unclear=(a, b), exchanged=(a, b))
+
+
+def hold_frame(xyz: Array) -> bool:
+    """Whether points hold a frame: three at least, not on a line."""
+    if len(xyz) < 3:
+        return False
+    spread = np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)
+    return bool(spread[1] > 1e-3 * spread[0])
 
 
 def _group(control: Control, g: int, groups: int) -> Control:
