@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -128,11 +129,26 @@ def test_commands_of_verbs_without_a_project(folder):
     assert words[:2] == ["windmark", "calibrate"]
     assert words[words.index("-m") + 1] == str(folder / "markers.csv")
     assert words[words.index("--unit") + 1] == "mm"
+    assert words[words.index("--datum") + 1] == "free"
+    assert "-o" not in words
     assert missing == []
+    known = replace(content.markers[folder / "markers.csv"], sigma=np.full((8, 3), 0.1))
+    content.markers[folder / "markers.csv"] = known
+    line, _ = command(content, choose(content, {}), "calibrate", folder / "out")
+    assert line.endswith(f"--datum weighted -o {folder / 'out'}")
     line, missing = command(content, choose(content, {"unit": "mm"}), "reconstruct")
     assert "<camera.json>" in line
     assert len(missing) == 1
     assert not list(folder.glob("*.toml"))
+
+
+def test_a_reconstruction_is_told_the_table_of_primaries_and_another_one_only_where_it_is_named(folder, capsys):
+    markers = io.read_markers(folder / "markers.csv", roles=None)
+    primary = replace(markers, role=np.full(8, "primary")).take(range(5))
+    io.write_markers(folder / "known.csv", primary, length_unit="mm")
+    for given, name in (({}, "known.csv"), ({"markers": folder / "markers.csv"}, "markers.csv")):
+        init_verb.init(folder, None, given, None, False, False, "reconstruct")
+        assert f"-p {folder / name} " in capsys.readouterr().out
 
 
 def test_patterns_stand_for_exactly_these_files(folder):

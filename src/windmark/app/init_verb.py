@@ -13,7 +13,7 @@ from windmark.app import console
 from windmark.errors import UsageError
 from windmark.pipeline.folder import FolderContent, look_into
 from windmark.pipeline.new_project import Choice, choose, missing, project_text
-from windmark.pipeline.new_series import COMMANDS, PROJECTS, command, series_missing, series_text
+from windmark.pipeline.new_series import COMMANDS, PROJECTS, command, known_markers, series_missing, series_text
 
 SHOWN = 8
 """Files that could not be used that are listed."""
@@ -40,11 +40,13 @@ def init(folder: Path, output: Path | None, given: dict[str, Any], title: str | 
         why = "; ".join(f"{p.name}: {w}" for p, w in list(content.left_out.items())[:3])
         said = f"{folder}: nothing of a test was found in it{f' ({why})' if why else ''}"
         raise UsageError(f"{said}; expected pictures, a marker table, a camera file, a grid")
+    if verb == "reconstruct" and (primary := known_markers(content)) is not None:
+        given = {"markers": primary} | given
     choice = choose(content, given)
     if ask and not as_json and sys.stdin.isatty() and sys.stderr.isatty():
         _ask(content, choice)
     if verb in COMMANDS:
-        _say_command(content, choice, verb, as_json)
+        _say_command(content, choice, verb, output, as_json)
         return
     name = title or folder.resolve().name
     if verb == "run":
@@ -103,10 +105,15 @@ def _file(question: str, files: list[Path]) -> Path:
     return files[names.index(_chosen(question, names))]
 
 
-def _say_command(content: FolderContent, choice: Choice, verb: str, as_json: bool) -> None:
+def _say_command(content: FolderContent, choice: Choice, verb: str, output: Path | None, as_json: bool) -> None:
     """Verbs without a project: the command line, ready to be copied."""
-    line, lacking = command(content, choice, verb)
+    line, lacking = command(content, choice, verb, output)
     lines = [*_found(content, choice), *(f"missing: {words}" for words in lacking), f"next: {line}"]
+    if "--datum free" in line:
+        lines.append(
+            "  --datum free: the table is rough as a whole, and holds the frame as a whole; windmark calibrate --help "
+            "says what to write where markers are known"
+        )
     console.answer({"command": line, "missing": lacking}, as_json, lines)
 
 

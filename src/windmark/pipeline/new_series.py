@@ -72,7 +72,13 @@ def series_missing(content: FolderContent, choice: Choice, kind: str) -> list[st
     return out
 
 
-def command(content: FolderContent, choice: Choice, verb: str) -> tuple[str, list[str]]:
+def known_markers(content: FolderContent) -> Path | None:
+    """The one table whose markers are all primary: what `reconstruct` is told is known."""
+    tables = [p for p, markers in content.markers.items() if len(markers) and (markers.role == "primary").all()]
+    return tables[0] if len(tables) == 1 else None
+
+
+def command(content: FolderContent, choice: Choice, verb: str, output: Path | None = None) -> tuple[str, list[str]]:
     """The command line of a verb of `COMMANDS`, with <...> for what is missing, and that in words."""
     missing, words = [], ["windmark", verb]
     files = [p.path for p in content.pictures if not p.is_recording]
@@ -101,7 +107,17 @@ def command(content: FolderContent, choice: Choice, verb: str) -> tuple[str, lis
     elif choice.markers is not None or verb == "calibrate":
         missing.append("the length unit (--unit in, ft, mm, cm or m)")
         words += ["--unit", "<unit>"]
+    if verb == "calibrate":
+        words += ["--datum", _datum(content, choice)]
+    words += [] if output is None else ["-o", shlex.quote(str(output))]
     return " ".join(words), missing
+
+
+def _datum(content: FolderContent, choice: Choice) -> str:
+    """What holds a calibration: markers with a sigma do; of a rough table all together, none alone."""
+    markers = None if choice.markers is None else content.markers.get(choice.markers)
+    known = markers is not None and int(np.isfinite(markers.sigma).all(axis=1).sum()) >= 3
+    return "weighted" if known else "free"
 
 
 def csv_with(folder: Path, columns: set[str]) -> Path | None:
