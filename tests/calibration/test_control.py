@@ -46,7 +46,7 @@ def test_right_control_raises_no_doubt(case):
         assert result.doubts == result.suspect == result.warnings == ()
 
 
-@pytest.mark.parametrize("off", [1.5, 5.0, 50.0])
+@pytest.mark.parametrize("off", [1.5, 5.0, 50.0, 150.0])
 def test_a_control_point_elsewhere_is_left_out_and_named(case, off):
     result = run(case, known(case, off), datum=Weighted(names(CONTROL), SIGMA))
     assert isinstance(result, Calibration)

@@ -142,7 +142,7 @@ def _judged(control: Control, solved: Solved, rough: Similarity) -> Verdict:
             return Verdict(test.fit(used), wrong)
         order = np.argsort(np.where(used & (blocks.dof > 0), blocks.p, 2.0), kind="stable")[:TRIED]
         tried = [int(b) for b in order if used[b] and blocks.dof[b]]
-        heals = [b for b in tried if _heals(seen, blocks, used, b)]
+        heals = [b for b in tried if _heals(test, seen, blocks, used, b)]
         if len(heals) > 1 and not wrong:
             return Verdict(test.fit(used), {}, tuple(sorted(heals)))
         # Several that could be wrong beside one that is: bad sigmas are the simpler explanation.
@@ -156,15 +156,17 @@ def _judged(control: Control, solved: Solved, rough: Similarity) -> Verdict:
         seen = test.without(seen, used, worst)
 
 
-def _heals(seen: Seen, blocks: Blocks, used: Mask, block: int) -> bool:
+def _heals(test: Test, seen: Seen, blocks: Blocks, used: Mask, block: int) -> bool:
     """Whether all others fit each other without one block.
 
-    What it takes along of the sum of squares is its own T: mostly that alone says no.
+    What it takes along of the sum of squares is its own T: mostly that alone says no. Not where it had turned the
+    similarity so far that the others were not seen as they are.
     """
-    if not chance(seen.total - blocks.value[block], seen.free - int(blocks.dof[block])):
-        return False
-    rest, others = seen.without(block), used.copy()
+    others = used.copy()
     others[block] = False
+    rest = test.without(seen, others, block)
+    if rest.fit is seen.fit and not chance(seen.total - blocks.value[block], seen.free - int(blocks.dof[block])):
+        return False
     return _fits(rest, rest.blocks(), others)
 
 
