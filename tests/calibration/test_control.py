@@ -211,3 +211,14 @@ def test_held_markers_that_are_all_off_are_known_as_well_as_they_fit(case):
         assert result.used.mean() > 0.99  # no mark is to blame
         squares.append((((result.markers.xyz - case.truth.points) / result.markers.sigma) ** 2).mean())
     assert 0.6 < np.sqrt(np.mean(squares)) < 1.6
+
+
+def test_two_of_many_held_markers_in_each_others_place_are_found_in_parts():
+    many = networks.make(81, points=220, views=6)
+    every = networks.nouns(many)[1].name[:160].tolist()
+    start = many.start.points.copy()
+    start[:160] = many.truth.points[:160]
+    start[[5, 77]] = start[[77, 5]]
+    result = run(many, start, datum=Fixed(every))
+    assert isinstance(result, Calibration), result.reason
+    assert result.suspect == (every[5], every[77])

@@ -90,23 +90,32 @@ def judge(control: Control, solved: Solved, rough: Similarity) -> Verdict:
 def _with_exchanged(control: Control, solved: Solved, verdict: Verdict) -> Verdict:
     """The verdict that two points are in each other's place, where they are the only ones of which that explains all.
 
-    Both are wrong then, if the others hold the frame without them; else it is not used.
+    Both are wrong then, if the others hold the frame without them; else it is not used. The worst points are tried,
+    of more than `MOST` among a part of the others.
     """
-    n = len(control.point)
-    every = np.ones(len(control), dtype=np.bool_)
-    seen = Test(control, solved, verdict.fit).of(every)
-    worst = np.argsort(-seen.blocks().value[:n], kind="stable")[:TRIED]
+    if len(control.point) < 3:
+        return verdict
+    groups = -(-len(control.point) // MOST)
+    value = np.zeros(len(control.point))
+    for g in range(groups):
+        part = _group(control, g, groups)
+        seen = Test(part, solved, verdict.fit).of(np.ones(len(part), dtype=np.bool_))
+        value[g::groups] = seen.blocks().value[: len(part.point)]
+    worst = np.sort(np.argsort(-value, kind="stable")[:TRIED])
+    some = np.union1d(worst, np.arange(0, len(control.point), groups))
+    part, places = _part(control, some, slice(None)), np.searchsorted(some, worst)
+    every = np.ones(len(part), dtype=np.bool_)
     pairs = []
-    for a, b in combinations(sorted(int(k) for k in worst), 2):
-        point = control.point.copy()
+    for a, b in combinations(places.tolist(), 2):
+        point = part.point.copy()
         point[[a, b]] = point[[b, a]]
-        swapped = Test(replace(control, point=point), solved, verdict.fit).of(every)
+        swapped = Test(replace(part, point=point), solved, verdict.fit).of(every)
         if _fits(swapped, swapped.blocks(), every):
-            pairs.append((a, b, swapped.fit))
+            pairs.append((int(some[a]), int(some[b]), swapped.fit))
     if len(pairs) != 1:
         return verdict
     a, b, fit = pairs[0]
-    both = {k: float(seen.blocks().value[k]) for k in (a, b)}
+    both = {k: float(value[k]) for k in (a, b)}
     if hold_frame(np.delete(control.xyz, (a, b), axis=0)):
         return Verdict(fit, both, exchanged=(a, b))
     return Verdict(fit, unclear=(a, b), exchanged=(a, b))
@@ -122,7 +131,11 @@ def hold_frame(xyz: Array) -> bool:
 
 def _group(control: Control, g: int, groups: int) -> Control:
     """Every so-many-th point from the g-th on; the distances are with the first."""
-    part, bars = slice(g, None, groups), slice(None) if g == 0 else slice(0, 0)
+    return _part(control, np.arange(g, len(control.point), groups), slice(None) if g == 0 else slice(0, 0))
+
+
+def _part(control: Control, part: Ints, bars: slice) -> Control:
+    """Some of the points, and of the distances."""
     own = np.arange(control.xyz.size).reshape(-1, 3)[part].ravel()
     return Control(
         control.point[part], control.xyz[part], control.sigma[part], control.cov[np.ix_(own, own)],
