@@ -213,6 +213,7 @@ def test_held_markers_that_are_all_off_are_known_as_well_as_they_fit(case):
     assert 0.6 < np.sqrt(np.mean(squares)) < 1.6
 
 
+@pytest.mark.slow
 def test_two_of_many_held_markers_in_each_others_place_are_found_in_parts():
     many = networks.make(81, points=220, views=6)
     every = networks.nouns(many)[1].name[:160].tolist()
