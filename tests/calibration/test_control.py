@@ -223,3 +223,16 @@ def test_two_of_many_held_markers_in_each_others_place_are_found_in_parts():
     result = run(many, start, datum=Fixed(every))
     assert isinstance(result, Calibration), result.reason
     assert result.suspect == (every[5], every[77])
+
+
+@pytest.mark.parametrize(("off", "reject", "words"), [
+    (0.5, True, "they were taken as known to that"), (0.5, False, "the sigmas do not contain that"),
+    (0.0, True, "held marker m02 was left out: 8"), (0.0, False, "held marker m02 is contradicted: 8"),
+])  # fmt: skip
+def test_control_that_was_not_left_out_is_not_said_to_be(case, off, reject, words):
+    index, start = list(range(10)), case.start.points.copy()
+    start[index] = case.truth.points[index] + np.random.default_rng(0).normal(0, off, (10, 3))
+    start[2] += [0.0, 0.0, 8.0 if off == 0.0 else 0.0]
+    result = run(case, start, datum=Fixed(names(index)), reject=reject, max_sigma0=100.0)
+    assert isinstance(result, Calibration), result.reason
+    assert any(words in w for w in result.warnings)

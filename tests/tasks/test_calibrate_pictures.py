@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import registration_scenes as scenes
 
-from windmark.tasks.calibrate.pictures import MatchedPicture, _without_labels
+from windmark.tasks.calibrate.pictures import MatchedPicture, MatchSettings, _without_labels
 
 
 @pytest.mark.parametrize(("factor", "words"), [(1.04, "focal length of"), (1.0, "wrong labels, or the markers moved")])
@@ -16,7 +16,8 @@ def test_another_focal_length_is_the_reason_where_the_picture_shows_it(factor, w
     camera, pose = scenes.random_view(rng, markers, fov_deg=(30, 30), tilt_max_deg=40)
     scene = scenes.image_of(rng, markers, camera, pose, hidden=0.1, false=0.1, noise_px=0.05)
     given = replace(camera, focal_px=factor * camera.focal_px)
-    said = _without_labels(MatchedPicture("P20", "camera", camera.size_px, scene.detections), markers, given)
+    picture = MatchedPicture("P20", "camera", camera.size_px, scene.detections)
+    said = _without_labels(picture, markers, given, MatchSettings())
     assert said.registration is None
     assert "contradict the other pictures" in said.problem
     assert words in said.problem

@@ -28,6 +28,8 @@ from windmark.scene import Doubt
 
 Mask = NDArray[np.bool_]
 
+UNTOUCHED = "the sigmas do not contain that"
+
 
 @dataclass(frozen=True)
 class Held:
@@ -69,7 +71,7 @@ def with_control(job: Job, state: NetworkState, good: Mask, options: dict[str, A
         return Held(job, every_mark(job, state, good, options))  # which refuses the datum
     rough = align(alone.state.points[seen], job.markers.xyz[seen], scale=alone.covariance.motions.shape[1] == 7)
     verdict = judge(control, alone, rough)
-    doubts = _said(job, control, verdict, alone)
+    doubts = _said(job, control, verdict, alone, cleaned=options["reject"])
     if verdict.unclear:
         return Held(job, alone, unclear=doubts[0])
     if options["reject"]:
@@ -149,8 +151,11 @@ def _together(job: Job, start: NetworkState, alone: Solved, fit: Similarity, see
     return replace(state, points=points, frames=Pose(rotation, translation))
 
 
-def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[Doubt, ...]:
-    """What the test of the control found, in words; only one where it cannot be told what is wrong."""
+def _said(job: Job, control: Control, verdict: Verdict, alone: Solved, *, cleaned: bool) -> tuple[Doubt, ...]:
+    """What the test of the control found, in words; only one where it cannot be told what is wrong.
+
+    ``cleaned``: what is wrong is left out (`_cleaned`), and not only said.
+    """
     points, moved = len(control.point), verdict.fit.apply(alone.state.points)
 
     def names(block: int) -> tuple[str, ...]:
@@ -172,11 +177,11 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[
         return f"{g3(away)} {job.markers.length_unit or ''}".rstrip()
 
     if verdict.exchanged:
-        pair = [what(b).format(*names(b)) for b in verdict.exchanged]
-        how = "exchange their rows" if verdict.unclear else "both were left out; exchange their rows"
+        pair = [what(b) for b in verdict.exchanged]
+        left_out = "" if verdict.unclear or not cleaned else "both were left out; "
         return (Doubt(
             tuple(n for b in verdict.exchanged for n in names(b)),
-            f"{pair[0]} and {pair[1]} are in each other's place in the table: {how}", "control",
+            f"{pair[0]} and {pair[1]} are in each other's place in the table: {left_out}exchange their rows", "control",
         ),)  # fmt: skip
     if verdict.unclear:
         listed = ", ".join(f"{what(b)} ({off(b)})" for b in verdict.unclear)
@@ -185,25 +190,26 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved) -> tuple[
             f"what is known contradicts itself; without any one of these the rest would fit: {listed}. Measure them "
             "again, leave the wrong one out, or give more control", "control",
         ),)  # fmt: skip
+    how = "was left out" if cleaned else "is contradicted"
     out = [
-        Doubt(names(b), f"{what(b)} was left out: {off(b)} from where the pictures and the other control put it "
+        Doubt(names(b), f"{what(b)} {how}: {off(b)} from where the pictures and the other control put it "
                         f"({np.sqrt(t):.0f} sigma)", "control")
         for b, t in verdict.wrong.items()
     ]  # fmt: skip
     if verdict.factor > 1:
-        out.append(_misfit(job, verdict))
+        out.append(_misfit(job, verdict, cleaned))
     return tuple(out)
 
 
-def _misfit(job: Job, verdict: Verdict) -> Doubt:
+def _misfit(job: Job, verdict: Verdict, cleaned: bool) -> Doubt:
     """All of the control fits badly, none of it worse than the others."""
     times, far = f"{verdict.factor:.1f} times worse", f"{g2(verdict.off)} {job.markers.length_unit or ''}".rstrip()
     if isinstance(job.datum, Fixed) and not job.distances:
         return Doubt((), f"held markers are off their table by some {far} (they fit {times} than the pictures know "
-                         "them); they were taken as known to that", "table")  # fmt: skip
+                         f"them); {'they were taken as known to that' if cleaned else UNTOUCHED}", "table")  # fmt: skip
     besides = f", as if known places were off by {far} more" if verdict.off > 0 else ""
-    return Doubt((), f"the control fits {times} than its sigmas say{besides}, no single one is at fault; its sigmas "
-                     "were enlarged", "control")  # fmt: skip
+    return Doubt((), f"the control fits {times} than its sigmas say{besides}, no single one is at fault; "
+                     f"{'its sigmas were enlarged' if cleaned else UNTOUCHED}", "control")  # fmt: skip
 
 
 def every_mark(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:

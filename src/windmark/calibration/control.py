@@ -84,7 +84,9 @@ def judge(control: Control, solved: Solved, rough: Similarity) -> Verdict:
             (*out.unclear, *(int(at[b]) for b in found.unclear)), max(out.factor, found.factor),
             max(out.off, found.off),
         )  # fmt: skip
-    return out if not (out.wrong or out.unclear or out.factor > 1) else _with_exchanged(control, solved, out)
+    # Of two in each other's place none is the only one that is wrong.
+    several = len(out.wrong) > 1 or out.unclear or out.factor > 1
+    return _with_exchanged(control, solved, out) if several else out
 
 
 def _with_exchanged(control: Control, solved: Solved, verdict: Verdict) -> Verdict:
@@ -155,7 +157,7 @@ def _judged(control: Control, solved: Solved, rough: Similarity) -> Verdict:
             return Verdict(test.fit(used), wrong)
         order = np.argsort(np.where(used & (blocks.dof > 0), blocks.p, 2.0), kind="stable")[:TRIED]
         tried = [int(b) for b in order if used[b] and blocks.dof[b]]
-        heals = [b for b in tried if _heals(test, seen, blocks, used, b)]
+        heals = [b for b in tried if _heals(test, seen, used, b)]
         if len(heals) > 1 and not wrong:
             return Verdict(test.fit(used), {}, tuple(sorted(heals)))
         # Several that could be wrong beside one that is: bad sigmas are the simpler explanation.
@@ -169,18 +171,12 @@ def _judged(control: Control, solved: Solved, rough: Similarity) -> Verdict:
         seen = test.without(seen, used, worst)
 
 
-def _heals(test: Test, seen: Seen, blocks: Blocks, used: Mask, block: int) -> bool:
-    """Whether all others fit each other without one block.
-
-    What it takes along of the sum of squares is its own T: mostly that alone says no. Not where it had turned the
-    similarity so far that the others were not seen as they are.
-    """
+def _heals(test: Test, seen: Seen, used: Mask, block: int) -> bool:
+    """Whether all others fit each other without one block, which may have turned the similarity away from them."""
     others = used.copy()
     others[block] = False
     rest = test.without(seen, others, block)
-    if rest.fit is seen.fit and not chance(seen.total - blocks.value[block], seen.free - int(blocks.dof[block])):
-        return False
-    return _fits(rest, rest.blocks(), others)
+    return chance(rest.total, rest.free) and _fits(rest, rest.blocks(), others)
 
 
 def _fits(seen: Seen, blocks: Blocks, used: Mask) -> bool:

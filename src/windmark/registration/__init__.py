@@ -13,6 +13,7 @@ from windmark.registration.labelled import pose_from_labels
 from windmark.registration.register import prepare, register, register_rig
 from windmark.registration.result import (
     CAUSES,
+    CONTRADICTED,
     Deformation,
     NotRegistered,
     Registration,
@@ -24,6 +25,6 @@ from windmark.registration.track import Motion, TrackState, predict, track
 
 __all__ = [
     "register", "register_rig", "prepare", "pose_from_labels", "Registration", "RigRegistration", "Deformation",
-    "NotRegistered", "PoseCandidates", "pose_candidates", "RunnerUp", "WeakDirection", "CAUSES", "track", "predict",
-    "TrackState", "Motion", "Unchecked",
+    "NotRegistered", "PoseCandidates", "pose_candidates", "RunnerUp", "WeakDirection", "CAUSES", "CONTRADICTED",
+    "track", "predict", "TrackState", "Motion", "Unchecked",
 ]  # fmt: skip

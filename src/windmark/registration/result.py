@@ -38,6 +38,8 @@ CAUSES = {
     "time": "the time limit came first",
 }
 """Every cause of a `NotRegistered`, in words."""
+CONTRADICTED = ("wrong_focal", "wrong_camera", "mirrored", "misfit")
+"""Causes that speak of a picture as a whole: it contradicts the camera or the markers."""
 Cause = Literal[
     "too_few", "degenerate", "nothing", "weak", "misfit", "ambiguous", "focal", "wrong_focal", "wrong_camera",
     "exchanged", "mirrored", "one_pair", "discs", "labels", "time",

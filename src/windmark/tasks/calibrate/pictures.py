@@ -19,7 +19,7 @@ from windmark.calibration.self_calibrate import usual_free
 from windmark.geometry import Camera
 from windmark.options.calibration import MATCH_TIME_S
 from windmark.options.registration import SEED
-from windmark.registration import NotRegistered, Registration
+from windmark.registration import CONTRADICTED, NotRegistered, Registration
 from windmark.scene import MarkerSet, Observations, View
 from windmark.tasks.calibrate.beside import beside_their_place
 from windmark.tasks.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, with_lens
@@ -182,16 +182,14 @@ def _in_rounds(
         known, how, excess, done = _refined(markers, calibration), {}, excess_px(calibration, excess), matched
         # A picture that lost all of its marks is not suspect but gone.
         doubtful = {*_lost_most(calibration), *calibration.dropped} & {p.name for p in pictures if p.count}
-    pictures = [_without_labels(p, known, found[p.camera]) if p.name in doubtful else p for p in pictures]
+    pictures = [
+        _without_labels(p, known, found[p.camera], how_to_match) if p.name in doubtful else p for p in pictures
+    ]
     marks = _marks(pictures, markers, found, excess)
     with stage("lens"):
         marks, lenses = with_lens(marks, settings, given, focal_known=True)
     outcome = calibrate_marks(marks, settings, stage, lenses)
     return outcome, tuple(replace(p, excess_px=excess) for p in pictures)
-
-
-SAYS_WHY = ("wrong_focal", "wrong_camera", "mirrored")
-"""Causes of a refusal that say of a picture what is another one in it than in the others."""
 
 
 def _lost_most(calibration: Calibration) -> list[str]:
@@ -201,14 +199,18 @@ def _lost_most(calibration: Calibration) -> list[str]:
     return [calibration.views[int(v)].name for v in np.flatnonzero(2 * lost > every)]
 
 
-def _without_labels(picture: MatchedPicture, known: MarkerSet, camera: Camera) -> MatchedPicture:
+def _without_labels(
+    picture: MatchedPicture, known: MarkerSet, camera: Camera, options: MatchSettings
+) -> MatchedPicture:
     """A picture that matches by itself, but most of whose marks contradict the others to the end.
 
     What the markers and the camera of the others say of it is the reason, if they say one.
     """
     problem = "most of its marks contradict the other pictures: wrong labels, or the markers moved"
-    answer = registration.register(picture.detections, known, camera, max_deformation=0.0)
-    if isinstance(answer, NotRegistered) and answer.cause in SAYS_WHY:
+    answer = registration.register(
+        picture.detections, known, camera, max_deformation=0.0, max_time_s=options.max_time_s, seed=options.seed
+    )
+    if isinstance(answer, NotRegistered) and answer.cause in CONTRADICTED:
         problem = f"most of its marks contradict the other pictures: {answer.reason}"
     return replace(picture, registration=None, problem=problem, round=0)
 

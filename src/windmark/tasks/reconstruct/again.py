@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.calibration import Calibration
-from windmark.registration import NotRegistered, Registration, prepare, register
+from windmark.registration import CONTRADICTED, NotRegistered, Registration, prepare, register
 from windmark.registration.search.layout import Layout
 from windmark.scene import Detections, Doubt, MarkerSet
 from windmark.tasks.reconstruct.structure import Structure
@@ -26,8 +26,6 @@ LINKS_OF_OTHERS = 3
 """Links of a point that takes part: two pictures hold it without the one that is asked."""
 LEAST_POINTS = 8
 """Points below which nothing can be asked."""
-CONTRADICTED = ("wrong_focal", "wrong_camera", "mirrored", "misfit")
-"""Causes of a `NotRegistered` that speak of the picture as a whole."""
 BY_PICTURES = ("register", "neighbour", "pair")
 """Ways in which nothing but the spots gave a pose; labels and given poses decide what spots cannot."""
 NEAR_DEG, NEAR_SCALE = 5.0, 1.1

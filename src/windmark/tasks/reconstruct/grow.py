@@ -13,7 +13,7 @@ from windmark.geometry import DegenerateGeometry, Pose
 from windmark.registration import Registration, pose_from_labels, prepare, register
 from windmark.scene import MarkerSet
 from windmark.tasks.reconstruct.again import asked_again
-from windmark.tasks.reconstruct.focal import FOCAL, refuse_gross
+from windmark.tasks.reconstruct.focal import FOCAL, GROSS, refuse_gross
 from windmark.tasks.reconstruct.matched import PairMatcher
 from windmark.tasks.reconstruct.seed import FEWEST_POINTS, seeds, settled
 from windmark.tasks.reconstruct.structure import Structure, adjusted, compact, linked, point_names
@@ -59,7 +59,7 @@ def from_nothing(task: Task, views: list[int], match: PairMatcher) -> tuple[Stru
                 covered |= set(grown.poses)
             if best is None or len(grown.poses) > len(best[0].poses):
                 best = grown, found_by
-            if len(grown.poses) > max(len(views) // 2, 2) or covered >= set(views):
+            if len(grown.poses) > min(max(len(views) // 2, 2), len(views) - 1) or covered >= set(views):
                 return best
             if len(grown.poses) == 2 < len(views) and lonely < LONELY:
                 lonely += 1
@@ -87,10 +87,13 @@ def _with_another_focal(
     for v in sorted(set(views) - set(pair.poses), key=lambda v: min(abs(v - p) for p in pair.poses))[:NEIGHBOURS]:
         for other in pair.posed:
             wider = _from_neighbour(task, pair, v, other, match)
-            result = None if wider is None else adjusted(task, wider, Free(), tuple({*task.free, FOCAL}))
+            free = tuple(dict.fromkeys((*task.free, FOCAL)))
+            result = None if wider is None else adjusted(task, wider, Free(), free)
             if not isinstance(result, tuple):
                 continue
             structure, seen = compact(result[0]), result[1].cameras
+            if all(abs(seen[n].focal_px / task.cameras[n].focal_px - 1) < GROSS for n in seen):
+                continue  # no other one: nothing grew with it
             cameras = {n: replace(c, focal_px=seen[n].focal_px) if n in seen else c for n, c in task.cameras.items()}
             how = dict.fromkeys(pair.poses, "pair") | {v: "neighbour"}
             grown = grow(replace(task, cameras=cameras), replace(structure, cameras=cameras), how, views, match)
