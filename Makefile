@@ -7,6 +7,9 @@ DEMO   := windmark-demo
 TEST_PROCESSES ?= 2
 PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile
 
+# Hundreds of commands are started: compiled once, not by each of them, whatever the machine has set.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-all test-costs lint docs wheel bench paper-map clean
 
 demo: $(VENV)/.installed

@@ -36,7 +36,10 @@ from windmark.pipeline.calibrate import CalibrateSettings, calibrate_marks, from
 from windmark.pipeline.clock import Clock, silent
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
-from windmark.pipeline.verdict import Verdict, calibrate_verdict, error_verdict, run_verdict
+from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict.errors import error_verdict
+from windmark.pipeline.verdict.network import calibrate_verdict
+from windmark.pipeline.verdict.run import run_verdict
 from windmark.scene import MarkerSet
 
 SIZE = (1000, 800)

@@ -16,27 +16,16 @@ from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
 from windmark.pipeline.psp.record import PointRecord
 from windmark.pipeline.track_results import PoseRow
-from windmark.pipeline.verdict import (
-    BAD,
-    CAUSES,
-    DOUBTFUL,
-    GOOD,
-    Finding,
-    Verdict,
-    black_findings,
-    deform_verdict,
-    error_verdict,
-    infrared_verdict,
-    lamp_findings,
-    psp_verdict,
-    reconstruct_verdict,
-    reference_findings,
-    run_verdict,
-    track_verdict,
-    units_findings,
-)
+from windmark.pipeline.verdict import BAD, CAUSES, DOUBTFUL, GOOD, Finding, Verdict
+from windmark.pipeline.verdict.deform import deform_verdict
+from windmark.pipeline.verdict.errors import error_verdict
+from windmark.pipeline.verdict.infrared import infrared_verdict
+from windmark.pipeline.verdict.network import reconstruct_verdict
+from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
 from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_blur
 from windmark.pipeline.verdict.registered import MOVED, REFUSALS, refused
+from windmark.pipeline.verdict.run import run_verdict, units_findings
+from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import NotRegistered
 from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
 from windmark.scene import Detections, Mesh

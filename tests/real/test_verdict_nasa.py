@@ -6,7 +6,8 @@ import pytest
 
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
-from windmark.pipeline.verdict import DOUBTFUL, run_verdict
+from windmark.pipeline.verdict import DOUBTFUL
+from windmark.pipeline.verdict.run import run_verdict
 
 PROJECT = Path(__file__).parents[2] / "examples" / "nasa-upsp-cam5.toml"
 DATA = (PROJECT.parent / "../../shared/data/nasa-upsp-cam5").resolve()

@@ -5,7 +5,7 @@ Jobs differ only in what is free. `refine_pose` is the first; others are further
 """
 
 from windmark.adjust.blocks import POSE_PARAMETERS, CameraBlock, PoseBlock, VectorBlock
-from windmark.adjust.chance import chance
+from windmark.adjust.chance import chance, log_tail
 from windmark.adjust.determinacy import covariance, weak_parameters
 from windmark.adjust.exchanged import exchanged_pairs
 from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
@@ -21,5 +21,5 @@ __all__ = [
     "refine_pose", "PoseEstimate", "SolveReport", "REASONS",
     "pose_problem", "minimise", "SolveOptions", "minimise_by_steps", "PaperOptions",
     "Problem", "NormalEquations", "PoseBlock", "CameraBlock", "VectorBlock", "Reprojection", "Linearised", "Prior",
-    "JointPrior", "Loss", "POSE_PARAMETERS", "chance", "covariance", "exchanged_pairs", "weak_parameters",
+    "JointPrior", "Loss", "POSE_PARAMETERS", "chance", "log_tail", "covariance", "exchanged_pairs", "weak_parameters",
 ]  # fmt: skip

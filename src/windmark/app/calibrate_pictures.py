@@ -7,9 +7,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtr
 
-from windmark.app.pictures import WIDTH_IN
+from windmark.app.pictures import BLUE, DARK, RED, WIDTH_IN
 from windmark.calibration import Calibration
 from windmark.calibration.quality import Comparison, projection_sigma
 from windmark.calibration.snooping import critical
@@ -17,8 +17,6 @@ from windmark.errors import g3
 from windmark.scene.plots import round_length
 
 Array = NDArray[np.float64]
-
-BLUE, RED, DARK = "#1565c0", "#d50000", "#263238"
 
 
 def residual_vectors_picture(result: Calibration, camera: str) -> Figure:
@@ -78,7 +76,7 @@ def tests_picture(result: Calibration) -> Figure:
     test = np.minimum(result.test, 1.5 * limit)
     edges = np.linspace(0, 1.5 * limit, 43)
     axes.hist(test, edges.tolist(), color="#90caf9", edgecolor="white", lw=0.4, label=f"{len(test)} marks")
-    expected = len(test) * np.diff(chi2.cdf(edges, 2))
+    expected = len(test) * np.diff(chdtr(2, edges))
     axes.step(edges, np.append(expected, expected[-1]), where="post", color=DARK, lw=1.2, label="chi-square (2)")
     axes.axvline(limit, color=RED, lw=1, ls="--", label=f"limit {limit:.1f}: none by chance (95 %)")
     axes.set_yscale("log")

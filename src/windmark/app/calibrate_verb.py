@@ -36,7 +36,8 @@ from windmark.pipeline.calibrate import (
 )
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.verdict import Verdict, calibrate_verdict
+from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict.network import calibrate_verdict
 from windmark.scene import MarkerCovariance, MarkerSet
 from windmark.tasks.calibrate.lens import in_lens, with_lens
 from windmark.tasks.calibrate.marks import start_camera, with_focal

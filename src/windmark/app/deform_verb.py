@@ -38,7 +38,8 @@ from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.record import MISFIT
 from windmark.pipeline.deform.series import NOT_TRIED, STATUS
 from windmark.pipeline.resume import begun_with
-from windmark.pipeline.verdict import Verdict, deform_verdict, rules
+from windmark.pipeline.verdict import Verdict, rules
+from windmark.pipeline.verdict.deform import deform_verdict
 
 Record = dict[str, Any]
 

@@ -12,8 +12,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from windmark.app.calibrate_pictures import BLUE
-from windmark.app.pictures import MISSING, stretched
+from windmark.app.pictures import BLUE, MISSING, stretched
 from windmark.tasks.reconstruct.pair import PairLines, Side
 
 if TYPE_CHECKING:

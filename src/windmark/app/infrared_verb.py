@@ -27,7 +27,7 @@ from windmark.pipeline.infrared import (
     reduced,
     run_infrared,
 )
-from windmark.pipeline.verdict import infrared_verdict
+from windmark.pipeline.verdict.infrared import infrared_verdict
 
 Record = dict[str, Any]
 

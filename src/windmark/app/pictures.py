@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 MATCHED, SPARE, MISSING = "#00c853", "#ff9100", "#ff1744"
 WIDTH_IN = 11.0
+BLUE, RED, DARK = "#1565c0", "#d50000", "#263238"
 _OUTLINE = [withStroke(linewidth=1.6, foreground="black")]
 
 

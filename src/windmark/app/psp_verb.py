@@ -18,7 +18,8 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
-from windmark.pipeline.verdict import black_findings, lamp_findings, psp_verdict, reference_findings, units_findings
+from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
+from windmark.pipeline.verdict.run import units_findings
 
 Record = dict[str, Any]
 

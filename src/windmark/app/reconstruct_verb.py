@@ -32,7 +32,8 @@ from windmark.pipeline.reconstruct.outputs import (
     write_reconstruction,
 )  # fmt: skip
 from windmark.pipeline.reconstruct.read import read_labels, read_poses, read_spots
-from windmark.pipeline.verdict import Verdict, reconstruct_verdict
+from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict.network import reconstruct_verdict
 from windmark.scene import MarkerSet
 from windmark.tasks.reconstruct import NotReconstructed, Reconstruction, reconstruct
 from windmark.tasks.reconstruct.pair import PairLines, pair_lines

@@ -8,20 +8,20 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
-from windmark.app.calibrate_pictures import BLUE, DARK
-from windmark.app.pictures import WIDTH_IN
-from windmark.calibration import Calibration
+from windmark.app.pictures import BLUE, DARK, WIDTH_IN
 from windmark.errors import g2
 from windmark.scene.plots import round_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from windmark.calibration import Calibration
+
 Array = NDArray[np.float64]
 
-RADIUS = float(np.sqrt(chi2.ppf(0.95, 3)))
+RADIUS = float(np.sqrt(chdtri(3, 0.05)))
 """Semi-axis of a 95 % ellipsoid, in sigma."""
 _PLANES = ((0, 1), (0, 2), (1, 2))
 _NAMED = 40

@@ -25,7 +25,8 @@ from windmark.pipeline.same_run import made_with
 from windmark.pipeline.track_files import FollowOptions
 from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
 from windmark.pipeline.track_series import Series, follow_series
-from windmark.pipeline.verdict import Verdict, track_verdict
+from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import Motion
 from windmark.scene import MarkerSet
 

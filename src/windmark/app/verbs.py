@@ -20,7 +20,8 @@ from windmark.pipeline.project import Project, make_project, read_project
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.settings import COMMAND_LINE
 from windmark.pipeline.truth import Comparison
-from windmark.pipeline.verdict import Verdict, run_verdict
+from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict.run import run_verdict
 from windmark.registration import Registration
 
 Record = dict[str, Any]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from windmark.calibration.solve import Solved
 from windmark.geometry import DegenerateGeometry
@@ -37,7 +37,7 @@ HALVINGS = 8
 
 def chance(total: float, free: int) -> bool:
     """Whether a sum of squares is what so many degrees of freedom leave to chance."""
-    return free <= 0 or bool(chi2.sf(total, free) > FALSE)
+    return free <= 0 or bool(chdtrc(free, total) > FALSE)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Seen:
             along = axes.T @ (e[own] / np.sqrt(self.scale[own]))
             value[b], dof[b] = float((along**2 / left).sum()), len(left)
         told = dof > 0
-        p[told] = chi2.sf(value[told], dof[told])
+        p[told] = chdtrc(dof[told], value[told])
         return Blocks(value, dof, p)
 
     def _left_of(self, own: Ints) -> tuple[Array, Array]:

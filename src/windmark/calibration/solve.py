@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from windmark.adjust import PaperOptions, SolveReport
 from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
@@ -125,7 +125,7 @@ def _plain(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved
     state, system, report = minimise(problem, start, PLAIN)
     redundancy = _redundancy(problem, int(taken.sum()), system.gauge.dense.shape[1])
     squares = 2 * report.final_cost
-    if not report.converged or redundancy <= 0 or not PLAIN_FITS < chi2.sf(squares, redundancy) < 1 - PLAIN_FITS:
+    if not report.converged or redundancy <= 0 or not PLAIN_FITS < chdtrc(redundancy, squares) < 1 - PLAIN_FITS:
         return None
     covariance = network_covariance(system, problem.layout)
     del system  # as large as the covariance, and the tests need room

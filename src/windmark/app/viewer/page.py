@@ -23,7 +23,7 @@ from windmark.app.viewer.session import Shown
 from windmark.errors import UsageError
 from windmark.pipeline.changes import Change, SeenImage
 from windmark.pipeline.results import ImageResult, RunResult
-from windmark.pipeline.verdict import run_verdict
+from windmark.pipeline.verdict.run import run_verdict
 from windmark.pipeline.wireframe import grid_lines
 
 BAR = (

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import binom
 
+from windmark.adjust import log_tail
 from windmark.calibration.board import check, marks
 from windmark.calibration.board.axes import Frame, candidate_axes, symmetries, whole_lines
 from windmark.calibration.board.grow import Lattice, grow
@@ -198,7 +198,7 @@ def _log10_nfa(lattice: Lattice, tree: cKDTree) -> float:
     density = float(np.median(within)) / (np.pi * 1.5**2)  # spots per cell
     chance = min(1.0, density * np.pi * gate**2)
     cells = len(spots) + len(lattice.beside(lattice.cell[spots]))
-    tail = binom.logsf(len(spots) - 4, cells, chance) / np.log(10)  # three spots make the lattice
+    tail = log_tail(len(spots) - 3, cells, chance) / np.log(10)  # three spots make the lattice
     return float(tail + np.log10(len(lattice.xy) * NEAR**2))
 
 

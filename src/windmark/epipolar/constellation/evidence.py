@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
 
+from windmark.adjust import log_tail
 from windmark.epipolar.constellation.patches import GROW_TOLERANCE, NOISE_PX, Neighbours
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ def weigh(near: Neighbours, match: Ints, width_px: float, inside: Callable[[Arra
     reach = place[expected, 2]
     area = np.where(reach < width_px, np.pi * reach**2, np.minimum(4 * width_px * reach, np.pi * reach**2))
     chance = np.clip(area * _density(near), LEAST_CHANCE, MOST_CHANCE)
-    tail = binom.logsf(hits - FREE - 1, max(trials - FREE, 1), float(chance.mean()))
+    tail = log_tail(hits - FREE, max(trials - FREE, 1), float(chance.mean()))
     nfa = (np.log(max(tried, 1)) + tail) / np.log(10)
     gain = np.where(hit[expected], np.log((1 - MISSING) / chance), np.log(MISSING / (1 - chance)))
     return Evidence(float(nfa), float(gain.sum()), expected)

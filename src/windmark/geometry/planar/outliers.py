@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from windmark.geometry.errors import DegenerateGeometry
 from windmark.geometry.planar.fit import PlanarFit, fit_planar
@@ -83,7 +83,7 @@ def _stands_out(fit: PlanarFit, spread: Array, gross: float) -> Mask:
     if free < 1:
         return np.zeros(len(spread), dtype=bool)
     rest = np.maximum(fit.weighted - fit.evidence, 1e-12 * max(fit.weighted, 1e-300))
-    out = np.asarray(f_distribution.sf(fit.evidence / 2 / (rest / free), 2, free) < CHANCE)
+    out = np.asarray(fdtrc(2, free, fit.evidence / 2 / (rest / free)) < CHANCE)
     if gross:
         out |= fit.evidence > gross * max(float(np.median(fit.evidence)), 1e-300)
     off = np.hypot(*fit.held_out.T)

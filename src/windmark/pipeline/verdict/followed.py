@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from windmark.errors import g1, g2
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.verdict import rules
-from windmark.pipeline.verdict.network import as_finding
+from windmark.pipeline.verdict.doubts import as_finding
 from windmark.pipeline.verdict.picture import series_blur
 from windmark.pipeline.verdict.registered import camera_at_fault
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding

@@ -11,30 +11,13 @@ from windmark.calibration import Calibration, NotCalibrated
 from windmark.calibration.quality import residual_map
 from windmark.errors import g2
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.doubts import STEPS, doubt_finding
 from windmark.pipeline.verdict.picture import series_blur
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
-from windmark.scene import Doubt
 from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.calibrate.run import Calibrated
 from windmark.tasks.reconstruct.result import NotReconstructed, Reconstruction
 
-STEPS = {
-    "units": "correct the unit of places or radii in the table of markers",
-    "swapped": "correct the names in the table of marks, or take the exchange as found",
-    "marker": "measure it again, or leave it out",
-    "picture": "look at this picture: focus, labels, or a marker that had moved",
-    "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",
-    "control": "measure the named ones again, or leave the wrong one out",
-    "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
-    "(--board-marks)",
-    "moved": "place this camera anew, or say that it moves",
-    "bent": "a richer law for the named volume (windmark laws --compare)",
-    "noise": "see which markers or laws leave residuals; give the table its true sigma",
-    "camera": "check the value that was given for it",
-    "layout": "label a marker in this picture, or leave it out",
-}
-"""Next step of a `Doubt` by its cause."""
-_AS = {"picture": "noise"}
 REFUSALS = {
     "too_few": "few",
     "degenerate": "weak",
@@ -54,17 +37,6 @@ REFUSALS = {
     "adjustment": "noise",
 }
 """Cause of a `NotCalibrated` or `NotReconstructed` -> cause of the verdict."""
-
-
-def doubt_finding(doubt: Doubt) -> Finding:
-    """A doubt of a result as a finding."""
-    return as_finding(str(doubt), doubt.cause)
-
-
-def as_finding(words: str, cause: str) -> Finding:
-    """A doubt that is kept as its sentence and its cause."""
-    step = STEPS.get(cause, "see the sentence; the report has the figures")
-    return Finding(DOUBTFUL, _AS.get(cause, cause or "noise"), words, step)
 
 
 def calibrate_verdict(
@@ -89,9 +61,7 @@ def calibrate_verdict(
     )
 
 
-def reconstruct_verdict(
-    result: Reconstruction | NotReconstructed, unit: str, pictures: Sequence[Picture]
-) -> Verdict:
+def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pictures: Sequence[Picture]) -> Verdict:
     """Judge a reconstruction from these pictures."""
     blurred = _blurred(pictures)
     if isinstance(result, NotReconstructed):

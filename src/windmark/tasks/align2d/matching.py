@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import binom
 
+from windmark.adjust import log_tail
 from windmark.errors import g2
 from windmark.geometry import DegenerateGeometry
 from windmark.geometry.planar import NEEDED, fit_planar, hull_of, inside_hull
@@ -79,7 +79,7 @@ class _Judged:
 
     match: Ints
     count: int
-    free: float
+    free: int
     sigma_px: float
     holes: int
     log10_nfa: float
@@ -191,7 +191,7 @@ def _judge(a: Array, b: Array, match: Ints, tried: int) -> _Judged | None:
         if np.linalg.det(fit.transform.jacobian(x)).min() <= 0:
             continue
         off = np.hypot(*fit.held_out.T)
-        free = 2.0 if kind == "similarity" else 3.0
+        free = 2 if kind == "similarity" else 3
         sigma = float(np.hypot(np.median(off) / 1.1774, FLOOR_PX))
         holes = _holes(a, x, at) + _holes(b, y, match[at])
         one = _Judged(match, len(at), free, sigma, holes, _log10_nfa(off, b, y, len(at) + holes, free, tried))
@@ -206,7 +206,7 @@ def _holes(spots: Array, matched: Array, index: Ints) -> int:
     return int(inside_hull(hull_of(matched), rest, -2.0).sum())
 
 
-def _log10_nfa(off: Array, b: Array, y: Array, expected: int, free: float, tried: int) -> float:
+def _log10_nfa(off: Array, b: Array, y: Array, expected: int, free: int, tried: int) -> float:
     """Decimal logarithm of how many such matchings chance gives among those tried."""
     corners = hull_of(b)
     area = _area(corners) if len(corners) > 2 else 0.0
@@ -217,8 +217,7 @@ def _log10_nfa(off: Array, b: Array, y: Array, expected: int, free: float, tried
     for level in LEVELS_PX:
         chance = min(np.pi * level**2 * density, 0.5)
         hits = int((off < level).sum())
-        tail = binom.logsf(hits - free - 1, max(expected - free, 1), chance)
-        best = min(best, float(tail))
+        best = min(best, log_tail(hits - free, max(expected - free, 1), chance))
     return (np.log(max(tried, 1) * len(LEVELS_PX)) + best) / np.log(10)
 
 

@@ -1,0 +1,83 @@
+"""The verdict on a deformation test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from windmark.errors import g2
+from windmark.pipeline.deform.followed import Followed
+from windmark.pipeline.deform.record import MISFIT, FrameRecord
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.followed import followed_findings
+from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
+from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding, Verdict
+
+
+def deform_verdict(
+    records: Sequence[FrameRecord],
+    weak: Sequence[str] = (),
+    unit: str = "",
+    zero: Sequence[str] = (),
+    parameters: Sequence[str] = (),
+) -> Verdict:
+    """Judge a deformation test; ``weak`` is what its set-up hardly determines, in words; ``unit`` that of lengths.
+
+    ``zero``: keys of the wind-off frames; ``parameters``: names of those of the laws.
+    """
+    good = [r for r in records if r.status in ("cold", "tracked", MISFIT)]
+    if not good:
+        reason = records[0].reason if records else "no frame arrived"
+        cause = "moved" if "not where it should be" in reason else "no match"
+        step = "place the named camera anew" if cause == "moved" else "see the reason of the first frame"
+        return bad_series(cause, f"no frame gave a deformation; the first: {reason}", step)
+    found = lost_findings([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")
+    found += followed_findings([_followed(r) for r in good], unit)
+    found += _zero(good, zero, parameters)
+    if weak:
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "weak",
+                f"weakly determined: {weak[0]}",
+                "add a camera or markers for it, or take it out of the law",
+            )
+        )
+    s0, rms = middle([r.sigma0 for r in good]), middle([r.rms_px for r in good])
+    return Verdict.of(
+        found,
+        1,
+        f"{len(good)} frames identified, residuals of {g2(rms)} px RMS are {g2(s0)} times the spots' noise",
+        "use deformation.csv with its sigmas",
+    )
+
+
+def _followed(record: FrameRecord) -> Followed:
+    doubts = tuple(zip(record.causes, record.warnings, strict=True))
+    return Followed(f"frame {record.key}", record.cameras, doubts, record.sigma0)
+
+
+def _zero(good: Sequence[FrameRecord], zero: Sequence[str], parameters: Sequence[str]) -> list[Finding]:
+    """Wind-off frames that differ by a part of what the wind does: one of them is not wind-off."""
+    off = [r for r in good if r.key in zero]
+    if len(off) < 2 or not len(off[0].q):
+        return []
+    q, sigma = np.array([r.q for r in off]), np.max([r.q_sigma for r in off], axis=0)
+    every = np.ptp([r.q for r in good], axis=0)
+    apart = np.ptp(q, axis=0)
+    bad = (apart > rules.WIND_OFF_SIGMAS * sigma) & (apart > rules.WIND_OFF * every)
+    if not bad.any():
+        return []
+    k = int(np.argmax(np.where(bad, apart / np.maximum(every, 1e-300), 0.0)))
+    first, last = off[int(q[:, k].argmin())].key, off[int(q[:, k].argmax())].key
+    name = parameters[k] if k < len(parameters) else f"parameter {k + 1}"
+    return [
+        Finding(
+            DOUBTFUL,
+            "table",
+            f"the wind-off frames {first} and {last} differ in {name} by {100 * apart[k] / every[k]:.0f} % of all that "
+            "is seen of it",
+            "see that sequence.zero names frames without load",
+        )
+    ]

@@ -1,0 +1,35 @@
+"""What a room doubts of its own result, as a finding: the sentence it gives, and the next step by its cause."""
+
+from __future__ import annotations
+
+from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
+from windmark.scene import Doubt
+
+STEPS = {
+    "units": "correct the unit of places or radii in the table of markers",
+    "swapped": "correct the names in the table of marks, or take the exchange as found",
+    "marker": "measure it again, or leave it out",
+    "picture": "look at this picture: focus, labels, or a marker that had moved",
+    "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",
+    "control": "measure the named ones again, or leave the wrong one out",
+    "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
+    "(--board-marks)",
+    "moved": "place this camera anew, or say that it moves",
+    "bent": "a richer law for the named volume (windmark laws --compare)",
+    "noise": "see which markers or laws leave residuals; give the table its true sigma",
+    "camera": "check the value that was given for it",
+    "layout": "label a marker in this picture, or leave it out",
+}
+"""Next step of a `Doubt` by its cause."""
+_AS = {"picture": "noise"}
+
+
+def doubt_finding(doubt: Doubt) -> Finding:
+    """A doubt of a result as a finding."""
+    return as_finding(str(doubt), doubt.cause)
+
+
+def as_finding(words: str, cause: str) -> Finding:
+    """A doubt that is kept as its sentence and its cause."""
+    step = STEPS.get(cause, "see the sentence; the report has the figures")
+    return Finding(DOUBTFUL, _AS.get(cause, cause or "noise"), words, step)

@@ -1,0 +1,66 @@
+"""The verdict on an infrared run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from windmark.errors import g2
+from windmark.pipeline.infrared import FrameRecord
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.followed import followed_findings
+from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+
+
+def infrared_verdict(records: Sequence[FrameRecord], remarks: Sequence[str] = (), unit: str = "") -> Verdict:
+    """Judge an infrared run; ``remarks`` are on the whole of it, ``unit`` is that of lengths."""
+    good = [r for r in records if r.status == "reduced"]
+    if not good:
+        return bad_series(
+            "no match",
+            f"no frame could be reduced; the first: {records[0].reason if records else 'none'}",
+            "see the reason; run windmark register on one of its pictures",
+        )
+    found = lost_findings([(r.key, r.reason) for r in records if r.status != "reduced"], len(records), "frames")
+    found += followed_findings([r.followed for r in good], unit)
+    if (seen := middle([r.seen for r in good])) < rules.COVERED * max(r.seen for r in good):
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "covered",
+                f"{100 * seen:.0f} % of the nodes have a temperature (median), half of what the best frame shows",
+                "add a camera, or leave parts out of the grid",
+            )
+        )
+    sigma, kelvin = middle([r.median_sigma_T for r in good]), middle([r.median_T for r in good])
+    if sigma > rules.TEMPERATURE * kelvin:
+        found.append(
+            Finding(
+                BAD,
+                "units",
+                f"temperatures are known to {g2(sigma)} K only (median, 1 sigma): the pictures' numbers are not in the "
+                "unit that is said, or emissivity and surroundings are hardly known",
+                "say the unit of the camera's numbers; give emissivity and surroundings with their sigma",
+            )
+        )
+    flagged = [r.flagged for r in good if np.isfinite(r.flagged)]
+    if flagged and middle(flagged) > rules.SOME:
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "weak",
+                f"{100 * middle(flagged):.0f} % of the heat fluxes are flagged (late, lateral, curved)",
+                "a shorter test, or the wall's true layers",
+            )
+        )
+    if remarks:
+        found.append(Finding(DOUBTFUL, "noise", remarks[0], "see the remark"))
+    return Verdict.of(
+        found,
+        1,
+        f"{len(good)} frames reduced, temperatures to {g2(sigma)} K (median, 1 sigma; emissivity, surroundings and "
+        "their sigmas as given)",
+        "use the fields with their sigmas",
+    )
