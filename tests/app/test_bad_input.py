@@ -1,6 +1,7 @@
 """Bad input: a clear message, exit code 2 (wrong usage or file) or 1 (the data say no), and nothing half-written."""
 
 import errno
+import json
 import os
 import shutil
 
@@ -8,6 +9,8 @@ import numpy as np
 import pytest
 
 from windmark import io
+from windmark.app import console
+from windmark.app.cli import app
 from windmark.geometry import Pose
 
 
@@ -189,6 +192,21 @@ def test_wrong_usage_of_the_command_line(windmark, job):
     assert done.code == 2
     assert "polarity" in done.err
     assert_nothing_written(job)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["detect", "a.tif", "-r", "four"], "'--radius' / '-r': expected a number, not 'four'"),
+        (["simulate", "test", "--psp", "2.5", "--json"], "'--psp': expected a whole number, not '2.5'"),
+    ],
+)
+def test_a_word_in_place_of_a_number_is_said(words, said, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["windmark", *words])
+    assert console.command_line(app, "--json" in words) == 2
+    seen = capsys.readouterr()
+    assert said in seen.err
+    assert not seen.out or said in json.loads(seen.out)["error"]
 
 
 def test_help_names_every_verb_and_an_example(windmark):

@@ -161,10 +161,7 @@ def main() -> None:
     code: int | str | None = 0
     sys.argv[1:] = console.expanded(sys.argv[1:])
     try:
-        if "--json" in sys.argv[1:]:
-            code = console.run_for_machines(app)
-        else:
-            app()
+        code = console.command_line(app, "--json" in sys.argv[1:])
     except SystemExit as end:
         code = end.code
     except KeyboardInterrupt:  # before a verb was at work

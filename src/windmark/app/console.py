@@ -241,18 +241,33 @@ def _report_fault(error: Exception, as_json: bool) -> None:
     _fail(f"a fault of windmark {__version__}, not of your data ({what}); {report}", FAULT, as_json)
 
 
-def run_for_machines(app: Callable[..., Any]) -> int:
-    """The command line under ``--json``: wrong options are said as JSON on the standard output, too."""
+def command_line(app: Callable[..., Any], as_json: bool) -> int:
+    """Run the command line. Wrong options are said with what was given; under ``--json`` on standard output, too."""
     try:
         code = app(standalone_mode=False)
     except ClickException as error:
-        with suppress(OSError):
-            typer.echo(_printable(json.dumps({"error": error.format_message()})))
+        error.message = _with_what_was_given(error)
+        if as_json:
+            with suppress(OSError):
+                typer.echo(_printable(json.dumps({"error": error.format_message()})))
         error.show()
         return int(error.exit_code)
     except typer.Abort:
         return INTERRUPTED
     return code if isinstance(code, int) else DONE
+
+
+_NOT_A_NUMBER = {"float_parsing": "a number", "int_parsing": "a whole number", "int_from_float": "a whole number"}
+
+
+def _with_what_was_given(error: ClickException) -> str:
+    """The message of a wrong option with its value, which Typer (pydantic) leaves out."""
+    errors = getattr(error.__cause__, "errors", None)
+    if errors is None or not (found := errors()):
+        return error.message
+    given, kind = found[0].get("input"), found[0].get("type")
+    expected = f"expected {_NOT_A_NUMBER[kind]}" if kind in _NOT_A_NUMBER else error.message
+    return f"{expected}, not {given!r}"
 
 
 def expanded(words: list[str]) -> list[str]:

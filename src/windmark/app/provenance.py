@@ -52,8 +52,8 @@ class Provenance:
 
 
 def _closed(title: str, head: str, rows: str) -> str:
-    return (f"<details><summary>{escape(title)}</summary><table><thead>{head}</thead><tbody>{rows}</tbody></table>"
-            "</details>")  # fmt: skip
+    return (f'<details class="columns"><summary>{escape(title)}</summary><table><thead>{head}</thead>'
+            f"<tbody>{rows}</tbody></table></details>")  # fmt: skip
 
 
 def bare(path: str | PurePath) -> str:

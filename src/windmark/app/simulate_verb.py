@@ -93,10 +93,14 @@ def _photos(seed: int, wishes: Wishes) -> Kind:
     count = wishes.photos or 0
 
     def describe(test: Any, folder: Path) -> tuple[Record, list[str]]:
-        command = typed("windmark", "reconstruct", folder / "photos" / "*.tif", "-c", folder / "camera.json", "-p",
-                        folder / "primary.csv", "--unit", "mm", "--radius", "2.7")  # fmt: skip
+        photos, camera = folder / "photos" / "*.tif", ("-c", folder / "camera.json")
+        known = ("--unit", "mm", "--radius", "2.7")
+        commands = (
+            typed("windmark", "calibrate", photos, *camera, "-m", folder / "rough.csv", "--datum", "free", *known),
+            typed("windmark", "reconstruct", photos, *camera, "-p", folder / "primary.csv", *known),
+        )
         said = f"{count} pictures, {len(test.markers)} markers: {folder}"
-        return {"markers": len(test.markers), "photos": count}, [said, f"next: {command}"]
+        return {"markers": len(test.markers), "photos": count}, [said, *(f"next: {c}" for c in commands)]
 
     return lambda place: write(place, seed, count), describe
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust.network import NetworkState
+from windmark.adjust.network.linear import single_thread
 from windmark.calibration.consistent import with_control
 from windmark.calibration.datum import Datum, Distance
 from windmark.calibration.eccentric import radii_off
@@ -114,7 +115,8 @@ def self_calibrate(
         dropped = taking_part(job, every)[1]
         reason = "no view has four marks of markers that are seen at least twice"
         return NotCalibrated(reason, "too_few", dropped=dropped, options=options)
-    return _best_of_starts(job, options)
+    with single_thread(6 * len(job.views)):
+        return _best_of_starts(job, options)
 
 
 def usual_free(cameras: Iterable[Camera]) -> tuple[str, ...]:

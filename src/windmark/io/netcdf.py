@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 from windmark.io.apart import Content, read_apart
-from windmark.io.atomic import atomic_path
 from windmark.io.bounded import check_unpacked
 from windmark.io.errors import FileError
 from windmark.io.fields import LENGTH, checked_fields, written_by
 from windmark.io.mesh_content import check_names, content_mesh, mesh_content
+from windmark.io.netcdf_write import Variable, write_variables
 from windmark.io.recordings.hdf import check_stored
 from windmark.scene import Block, Mesh
 
@@ -56,8 +56,6 @@ def write_nodes_netcdf(
     FileError
         Where the file cannot be written; then nothing is.
     """
-    import xarray
-
     arrays = checked_fields(mesh, fields or {}, units, RESERVED)
     slashed = [name for name in arrays if "/" in name]
     if slashed:
@@ -65,7 +63,7 @@ def write_nodes_netcdf(
     length_unit = (units or {}).get(LENGTH, "")
     variables = _mesh_variables(mesh, length_unit)
     for name, values in arrays.items():
-        variables[name] = ("node", values, {"units": (units or {}).get(name, "")})
+        variables[name] = (("node",), values, {"units": (units or {}).get(name, "")})
     attributes = {
         "title": "values at the nodes of a surface grid",
         "source": written_by(),
@@ -73,15 +71,7 @@ def write_nodes_netcdf(
         "length_unit": length_unit,
         "history": _json(history),
     }
-    encoding = {
-        name: {"zlib": True, "complevel": 1, "shuffle": True}
-        for name, (_, v, _) in variables.items()
-        if v.dtype.kind in "fi"
-    }
-    dataset = xarray.Dataset(variables, attrs=attributes)
-    content = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
-    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        stream.write(content)
+    write_variables(path, variables, attributes)
 
 
 def _json(history: Mapping[str, Any] | None) -> str:
@@ -91,20 +81,20 @@ def _json(history: Mapping[str, Any] | None) -> str:
         raise ValueError(f"history: {error}; expected what JSON can hold") from error
 
 
-def _mesh_variables(mesh: Mesh, length_unit: str) -> dict[str, tuple[Any, NDArray[Any], dict[str, str]]]:
+def _mesh_variables(mesh: Mesh, length_unit: str) -> dict[str, Variable]:
     names, of_triangle = np.unique(mesh.volume, return_inverse=True)
-    out: dict[str, tuple[Any, NDArray[Any], dict[str, str]]] = {
+    out: dict[str, Variable] = {
         "vertices": (("node", "component"), mesh.vertices, {"units": length_unit}),
         "triangles": (("triangle", "corner"), mesh.triangles, {}),
-        "triangle_volume": ("triangle", of_triangle.astype(np.int32), {}),
-        "volume": ("volume", names.astype(object), {}),
+        "triangle_volume": (("triangle",), of_triangle.astype(np.int32), {}),
+        "volume": (("volume",), names.astype(object), {}),
     }
     if mesh.blanked is not None:
-        out["blanked"] = ("node", mesh.blanked.astype(np.int8), {})
+        out["blanked"] = (("node",), mesh.blanked.astype(np.int8), {})
     if mesh.blocks:
-        out["block"] = ("block", np.array([b.name for b in mesh.blocks], dtype=object), {})
+        out["block"] = (("block",), np.array([b.name for b in mesh.blocks], dtype=object), {})
         out["block_shape"] = (("block", "ijk"), np.array([b.shape_ijk for b in mesh.blocks], dtype=np.int32), {})
-        out["block_first"] = ("block", np.array([b.first for b in mesh.blocks], dtype=np.int64), {})
+        out["block_first"] = (("block",), np.array([b.first for b in mesh.blocks], dtype=np.int64), {})
     return out
 
 

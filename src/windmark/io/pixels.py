@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.io.atomic import atomic_path
 from windmark.io.fields import written_by
+from windmark.io.netcdf_write import Variable, write_variables
 from windmark.io.text import to_json
 
 _CONVENTIONS = (
@@ -52,8 +52,6 @@ def write_pixels(
     FileError
         Where the file cannot be written; then nothing is.
     """
-    import xarray
-
     picture, places, parts = np.asarray(value), np.asarray(xyz, dtype=float), np.asarray(volume)
     if picture.ndim != 2 or places.shape != (*picture.shape, 3) or parts.shape != picture.shape:
         raise ValueError(
@@ -70,16 +68,11 @@ def write_pixels(
     number = np.full(picture.shape, -1, np.int16)
     for k, part in enumerate(names):
         number[parts == part] = k
-    variables: dict[str, Any] = {n: (("row", "column"), v, {"units": unit.get(n, "")}) for n, v in arrays.items()}
+    variables: dict[str, Variable] = {n: (("row", "column"), v, {"units": unit.get(n, "")}) for n, v in arrays.items()}
     variables["volume"] = (("row", "column"), number, {})
-    variables["volume_names"] = ("volume_name", np.array(names, dtype=object))
+    variables["volume_names"] = (("volume_name",), np.array(names, dtype=object), {})
     attributes = {
         "title": "surface point and value of every pixel", "source": written_by(), "conventions": _CONVENTIONS,
         "length_unit": length_unit, "history": to_json(history or {}),
     }  # fmt: skip
-    packed = {"zlib": True, "complevel": 1, "shuffle": True}
-    content = xarray.Dataset(variables, attrs=attributes).to_netcdf(
-        engine="h5netcdf", encoding=dict.fromkeys([*arrays, "volume"], packed)
-    )
-    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        stream.write(content)
+    write_variables(path, variables, attributes)

@@ -16,6 +16,7 @@ from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
 from windmark.io.fields import LENGTH, label, written_by
 from windmark.io.markers import read_marker_unit, read_markers
+from windmark.io.netcdf_write import Variable, write_variables
 from windmark.io.numbers_text import format_rows
 from windmark.io.text import Pathlike
 from windmark.scene import ROLES
@@ -174,13 +175,9 @@ def _quoted(text: str) -> str:
 
 def _write_netcdf(path: Pathlike, arrays: Mapping[str, NDArray[Any]], units: Mapping[str, str], title: str,
                   head: Mapping[str, str]) -> None:  # fmt: skip
-    import xarray
-
-    variables = {
-        name: ("point", a if a.dtype.kind in "biuf" else a.astype(object), {"units": units.get(name, "")})
+    variables: dict[str, Variable] = {
+        name: (("point",), a if a.dtype.kind in "biuf" else a.astype(object), {"units": units.get(name, "")})
         for name, a in arrays.items()
     }
     attributes = {"title": title, "source": written_by(), **{k.replace(" ", "_"): v for k, v in head.items()}}
-    content = xarray.Dataset(variables, attrs=attributes).to_netcdf(engine="h5netcdf")
-    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        stream.write(content)
+    write_variables(path, variables, attributes)

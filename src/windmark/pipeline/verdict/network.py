@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -46,7 +46,8 @@ def calibrate_verdict(
     blurred = _blurred(pictures or ())
     if isinstance(done, NotCalibrated):
         return _refused(f"not calibrated: {done.reason}", done.cause, blurred)
-    found = [*blurred, *network_findings(done.result)]
+    out = {p.name: p.problem or p.unread for p in pictures or () if p.problem or p.unread}
+    found = [*blurred, *network_findings(done.result), *_left_out(out, len(pictures or ()))]
     if not isinstance(done.halves, NotCalibrated) and done.halves.ratio > rules.HALVES:
         found.append(
             Finding(
@@ -67,16 +68,7 @@ def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pi
     if isinstance(result, NotReconstructed):
         return _refused(f"not reconstructed: {result.reason}", result.cause, blurred)
     found = [*blurred, *(doubt_finding(d) for d in result.doubts), *network_findings(result.calibration)]
-    if len(result.dropped) > rules.MISSING * len(pictures):
-        name, why = next(iter(result.dropped.items()))
-        found.append(
-            Finding(
-                DOUBTFUL,
-                "lost",
-                f"{len(result.dropped)} of {len(pictures)} pictures could not be used; {name}: {why}",
-                "take more overlapping pictures, or label markers in these",
-            )
-        )
+    found += _left_out(result.dropped, len(pictures))
     if result.unrecognised:
         name, why = next(iter(result.unrecognised.items()))
         found.append(
@@ -101,6 +93,21 @@ def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pi
     return Verdict.of(
         found, 1, _good(result.calibration, unit), "use markers.csv; its sigmas are those of this adjustment"
     )
+
+
+def _left_out(out: Mapping[str, str], count: int) -> list[Finding]:
+    """Name and reason of each of ``count`` pictures that took no part, where that is no single one."""
+    if len(out) <= max(1.0, rules.LEFT_OUT * count):
+        return []
+    name, why = next(iter(out.items()))
+    return [
+        Finding(
+            DOUBTFUL,
+            "lost",
+            f"{len(out)} of {count} pictures took no part; {name}: {why}",
+            "look at these pictures; take others that overlap more, or label markers in these",
+        )
+    ]
 
 
 def network_findings(result: Calibration) -> list[Finding]:
@@ -186,7 +193,8 @@ def _refused(reason: str, cause: str, blurred: Sequence[Finding]) -> Verdict:
     """No result; blurred pictures explain that."""
     steps = {
         "focal": "give the focal length that was found, or let it adjust (--free focal_px)",
-        "few": "more pictures and markers", "weak": "pictures from more sides and distances",
+        "one-sided": "give the place of one more marker, beside that line", "few": "more pictures and markers",
+        "weak": "pictures from more sides and distances",
     }  # fmt: skip
     at = REFUSALS.get(cause, "no match")
     why = [replace(f, word=BAD, reason=f"{f.reason}; {reason}") for f in blurred[:1]]

@@ -30,7 +30,7 @@ LENS_NATS = 6.0
 LENS_EDGE = 0.003
 """1 sigma of a lens that was calibrated elsewhere: shift of the picture's corner over its distance from the centre."""
 LEFT_OUT = 0.1
-"""Part of the marks of a calibration that were left out."""
+"""Part of the marks of a network, or of its pictures where that is more than one, that were left out."""
 HALVES = 2.0
 """Two halves of the pictures that differ by so many times what their covariances say."""
 MAP = 2.0

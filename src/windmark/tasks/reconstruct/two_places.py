@@ -160,7 +160,7 @@ def _moved(markers: MarkerSet, pairs: list[tuple[int, int]]) -> list[Doubt]:
     kept = [pair for pair in pairs if taken.get(pair[0]) == taken.get(pair[1]) == gap[pair]]
     if not kept:
         return []
-    words = ", ".join(f"{{}} and {{}} ({g3(gap[pair])} apart)" for pair in kept)
+    words = ", ".join(f"{{}} and {{}} ({g3(gap[pair])})" for pair in kept)
     names = tuple(str(markers.name[k]) for pair in kept for k in pair)
-    said = f"neighbours that are never in one picture, as if a marker had moved meanwhile: {words}"
+    said = f"neighbours never in one picture, as if a marker had moved meanwhile (gaps in the markers' unit): {words}"
     return [Doubt(names, said, "marker")]
