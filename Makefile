@@ -22,7 +22,7 @@ lint: $(VENV)/.installed-test
 
 # Kernels before tests: else each of the processes that share the tests compiles the same ones.
 KERNELS := $(shell find src -path '*/_[!_]*' -name '*.py')
-$(VENV)/.compiled: $(VENV)/.installed $(KERNELS)
+$(VENV)/.compiled: $(VENV)/.installed-test $(KERNELS)
 	$(BIN)/windmark warmup
 	touch $@
 
@@ -59,9 +59,11 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e .
 	touch $@
 
-$(VENV)/.installed-test: $(VENV)/.installed
+# All at once: on a fresh machine pip runs a single time.
+$(VENV)/.installed-test: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[test]"
-	touch $@
+	touch $(VENV)/.installed $@
 
 $(VENV)/.installed-docs: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet -e ".[docs]"

@@ -14,6 +14,7 @@ from windmark.app.cli import app
 from windmark.app.report import Report
 from windmark.pipeline.simulate_deforming import simulate_deforming
 from windmark.synth import marker_sheet
+from windmark.synth.render import render
 
 SMALL_FILM_PX = (180, 120)
 
@@ -32,6 +33,15 @@ def windmark():
         return SimpleNamespace(code=done.exit_code, out=done.stdout, err=done.stderr, json=record)
 
     return call
+
+
+@pytest.fixture(scope="session", autouse=True)
+def quick_pictures():
+    """Outlines in simulated pictures of 5 x 5 rays a pixel instead of 11 x 11: nothing in these tests is as fine."""
+    usual = render.__kwdefaults__["subpixels"]
+    render.__kwdefaults__["subpixels"] = 5
+    yield
+    render.__kwdefaults__["subpixels"] = usual
 
 
 @pytest.fixture(scope="session")

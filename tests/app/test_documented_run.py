@@ -11,6 +11,7 @@ import re
 import shlex
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,16 @@ SMALLER = {
 """The same with fewer frames, for time."""
 
 
+MADE: dict[tuple[str, ...], Path] = {}
+"""Simulated tests as they were made, by their command, which several pages begin with; they lie in `PLACE`."""
+PLACE: list[Path] = []
+
+
+@pytest.fixture(scope="module", autouse=True)
+def place(tmp_path_factory):
+    PLACE.append(tmp_path_factory.mktemp("made"))
+
+
 def blocks(page: Path) -> list[list[str]]:
     """The command lines of every block with a windmark in it."""
     text = page.read_text(encoding="utf-8").replace("\\\n", " ")
@@ -86,13 +97,19 @@ def carry_out(line: str) -> None:
         os.chdir(words[1])
         return
     given = [w for word in words[1:] for w in (sorted(glob.glob(word)) or [word])]
-    if given[0] == "simulate" and given[1] != "." and Path(given[1]).exists():
+    simulated = given[0] == "simulate" and given[1] != "."
+    if simulated and Path(given[1]).exists():
         if given[1] == HOME:  # by the same command, and what later blocks go on with lies in it
             return
         shutil.rmtree(given[1])
+    if simulated and tuple(given) in MADE:
+        shutil.copytree(MADE[tuple(given)], given[1])
+        return
     done = CliRunner().invoke(app, given)
     allowed = (0, 1) if " ".join(words) in DATA_SAY_NO else (0,)
     assert done.exit_code in allowed, f"{line}\n{done.output[-1500:]}\n{done.exception!r}"
+    if simulated:
+        MADE[tuple(given)] = shutil.copytree(given[1], Path(tempfile.mkdtemp(dir=PLACE[0])) / given[1])
 
 
 @pytest.mark.slow

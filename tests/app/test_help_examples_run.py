@@ -79,7 +79,7 @@ def tunnel(desk, windmark):
 
 def photos(desk, windmark):
     """Markers A, B, C, D of the tables are four that every picture shows."""
-    simulate_photos(desk, 7, 12)
+    simulate_photos(desk, 7, 9)
     primary = io.read_markers(desk / "primary.csv", roles=None)
     new = dict(zip(primary.name[:4].tolist(), "ABCD", strict=True))
     for table in ("rough.csv", "primary.csv"):

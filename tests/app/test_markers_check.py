@@ -12,7 +12,7 @@ from windmark.app.sphere_maps import Disc, discs
 from windmark.geometry import Camera
 from windmark.io import write_camera, write_markers
 from windmark.scene import MarkerSet
-from windmark.tasks.marker_check import Change, CheckSettings, Proposal, check_markers
+from windmark.tasks.marker_check import Change, CheckSettings, Proposal, advice, check_markers
 from windmark.tasks.marker_check.settings import direction_of, spread_directions
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -75,7 +75,9 @@ def test_a_good_layout_is_said_to_be_good_and_everything_is_written(windmark, ta
 
 
 @pytest.mark.slow
-def test_a_regular_sheet_is_refused_with_a_layout_that_passes(windmark, table, tmp_path):
+def test_a_regular_sheet_is_refused_with_a_layout_that_passes(windmark, table, tmp_path, monkeypatch):
+    monkeypatch.setattr(advice, "VERIFIED", 40)  # the whole of it: tests/tasks/test_marker_check.py
+    monkeypatch.setattr(advice, "TRIED", 20)
     out = tmp_path / "out"
     done = windmark("markers", "check", table(irregular=False), "--unit", "mm", *FRONT, "-o", out, "--json")
     assert done.code == 1
