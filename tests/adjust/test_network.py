@@ -10,7 +10,6 @@ from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
 from windmark.adjust.loss import Loss
 from windmark.adjust.network import Bars, Network, NetworkProblem, numpy_path
 from windmark.adjust.network import _block_kernels as block_kernels
-from windmark.adjust.network import _influence_kernels as influence_kernels
 from windmark.adjust.network import _kernels as kernels
 from windmark.adjust.network._arrays import ROOM, Equations
 from windmark.geometry.camera import LENS_PARAMETERS
@@ -131,26 +130,6 @@ def test_kernels_and_numpy_agree(name):
         results.append((r, *into, dense[..., : lay.dense], je, block))
     for got, expected in zip(*results, strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-def test_gathered_derivatives_are_those_of_the_whole_jacobian(name):
-    case = variant(name)
-    problem, lay = NetworkProblem(case.network, case.start), NetworkProblem(case.network, case.start).layout
-    jd, je, cols, block = problem.jacobian(case.start)
-    rng, o = np.random.default_rng(2), len(jd)
-    b, group, rows = rng.normal(size=(o, 2)), rng.integers(-1, 3, o), lay.dense + lay.blocks * lay.size
-    jacobian = np.zeros((o, 2, rows + 1))
-    np.put_along_axis(jacobian, np.broadcast_to(cols[:, None], jd.shape), jd, axis=2)
-    jacobian = jacobian[..., :rows]  # what has no column was put into the last one
-    for k in np.flatnonzero(block >= 0):
-        start = lay.dense + lay.size * block[k]
-        jacobian[k, :, start : start + lay.size] += je[k]
-    expected = np.stack([np.einsum("oij,oi->j", jacobian[group == g], b[group == g]) for g in range(3)], axis=1)
-    for code in (influence_kernels, numpy_path):
-        got = np.zeros((rows, 3))
-        code.gathered(jd, je, cols, block, b, group, lay.dense, got)
-        np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
 def test_blocks_of_kernel_and_numpy_agree():

@@ -35,7 +35,7 @@ def windmark():
     return call
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)  # other folders' tests may be next in the same process
 def quick_pictures():
     """Outlines in simulated pictures of 5 x 5 rays a pixel instead of 11 x 11: nothing in these tests is as fine."""
     usual = render.__kwdefaults__["subpixels"]

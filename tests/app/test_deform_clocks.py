@@ -104,7 +104,7 @@ def test_why_a_camera_shows_few_markers(made, windmark, tmp_path):
 
 def test_laws_are_compared_by_evidence(made, windmark, tmp_path):
     done = windmark("laws", "--compare", made / "deform.toml", "--law", "beam:twist=[2]", "--law", "beam:bend=[2]",
-                    "--frames", "2", "--pictures", tmp_path / "laws", "--json")  # fmt: skip
+                    "--frames", "4", "--pictures", tmp_path / "laws", "--json")  # fmt: skip
     assert done.code == 0
     assert done.json["winner"] == "beam twist=[2]"  # bending with powers 2 and 3, twist with 2: the truth
     scores = {s["name"]: s for s in done.json["laws"]}

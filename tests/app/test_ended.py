@@ -58,7 +58,7 @@ def test_a_terminal_that_closes_leaves_nothing_half_done(tmp_path):
 def test_ctrl_c_before_a_verb_is_at_work_is_no_traceback(monkeypatch, capsys):
     """While the command line was being set up, a signal ended in a traceback with exit code 1."""
 
-    def interrupted():
+    def interrupted(**_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli, "app", interrupted)

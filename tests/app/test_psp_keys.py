@@ -35,6 +35,8 @@ def polar(made, tmp_path_factory):
     folder.mkdir()
     test = replace(made, points=made.points[1:])
     write_psp_test(folder, test)
+    for flat in [p for p in (folder / "calibration").glob("flat-*") if int(p.stem.rpartition("-")[2]) >= 6]:
+        flat.unlink()  # half a second of every run
     for k, (name, law) in enumerate(COLOURS.items()):
         other = replace(test, paint=replace(test.paint, law=law), seed=1031 + 1000 * k)
         for kind, camera, j, picture in other.pictures(test.points[0]):

@@ -73,7 +73,7 @@ def calibration_report(done: Calibrated, shown: Shown, clock: Clock) -> Report:
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     unit, result = shown.unit, done.result
     report = Report("Calibration", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
-    _overview(report, done, unit)
+    _overview(report, done, unit, shown.pictures)
     report.heading("Datum")
     for words in datum_words(result):
         report.text(words)
@@ -94,11 +94,12 @@ def calibration_report(done: Calibrated, shown: Shown, clock: Clock) -> Report:
     return report
 
 
-def _overview(report: Report, done: Calibrated, unit: str) -> None:
+def _overview(report: Report, done: Calibrated, unit: str, pictures: Sequence[Picture] | None) -> None:
     result = done.result
+    of = "" if pictures is None else f" of {len(pictures)}"
     sigma = sigma_rms(result.markers)
     rows: list[tuple[str, object]] = [
-        ("views", len(result.views)), ("markers", len(result.markers)), ("marks", len(result.observations)),
+        ("views", f"{len(result.views)}{of}"), ("markers", len(result.markers)), ("marks", len(result.observations)),
         ("left out as gross errors", int((~result.used).sum())), ("redundancy", result.redundancy),
         ("sigma0 (1: residuals as large as the marks' sigmas say)", result.sigma0),
         ("RMS length of the residuals, px", result.rms_px),

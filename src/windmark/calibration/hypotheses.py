@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import chance
-from windmark.adjust.network import linear
 from windmark.adjust.network.problem import camera_columns
 from windmark.adjust.terms import whitener
 from windmark.calibration.agreement import FALSE
@@ -25,6 +24,8 @@ from windmark.scene import Doubt
 
 Array = NDArray[np.float64]
 
+CHUNK = 40_000
+"""Marks worked on at a time, for memory."""
 CHECKED = 1e-4
 """Share of a hypothesis that the network's own unknowns leave over, below which it cannot be told from them."""
 
@@ -116,9 +117,18 @@ def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) ->
     """(D + E b, count) J^T b, summed over the marks of each group."""
     lay = solved.problem.layout
     jd, je, cols, block = solved.problem.jacobian(solved.state)
-    out = np.zeros((lay.dense + lay.blocks * lay.size, count))
-    linear.gathered(jd, je, cols, block, b, group, lay.dense, out)
-    return out
+    rows = lay.dense + lay.blocks * lay.size
+    out = np.zeros(rows * count)
+    for start in range(0, len(b), CHUNK):
+        part = slice(start, start + CHUNK)
+        own = block[part, None]
+        row = np.where(own >= 0, lay.dense + lay.size * own + np.arange(lay.size), -1)
+        for j, to in ((jd[part], cols[part]), (je[part], row)):
+            which = np.broadcast_to(group[part, None], to.shape)
+            here = (to >= 0) & (which >= 0)
+            value = j[:, 0] * b[part, :1] + j[:, 1] * b[part, 1:]
+            out += np.bincount((to * count + which)[here], value[here], rows * count)
+    return out.reshape(rows, count)
 
 
 def _chance(test: float, dof: int, solved: Solved) -> float:

@@ -33,6 +33,8 @@ SIZE = (640, 512)
 VIEWS, MARKERS, FRAMES = 8, 16, 5
 APART = ("registration", "detection", "calibration")
 """Jobs that need nothing of each other: processes do them at the same time, the longest first."""
+BESIDE = ("reconstruction", "alignment of pictures")
+"""What a process can do after those, beside the rest: other rooms than the rest needs."""
 MOST_PROCESSES = len(APART)
 
 
@@ -174,7 +176,7 @@ def compile_all(show: Callable[[str, int, int], None], processes: int | None = N
     """
     jobs = dict(Warmup().jobs())
     failed: dict[str, str] = {}
-    count, done = len(jobs), 0
+    count = len(jobs)
 
     def finished(name: str, wait: Callable[[], None]) -> None:
         if why := _failure(wait):
@@ -182,16 +184,22 @@ def compile_all(show: Callable[[str, int, int], None], processes: int | None = N
 
     processes = min(processes or os.cpu_count() or 1, MOST_PROCESSES)
     apart = [name for name in APART if name in jobs and processes > 1]
-    if apart:
-        show(", ".join(apart), 0, count)
-        with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-            at_work = {pool.submit(_alone, name): name for name in apart}
-            for done, job in enumerate(as_completed(at_work), 1):
-                show(at_work[job], done, count)
-                finished(at_work[job], job.result)
-    for n, name in enumerate((name for name in jobs if name not in apart), done):
-        show(name, n, count)
-        finished(name, jobs[name])
+    beside = [name for name in BESIDE if name in jobs and apart]
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+        if apart:
+            show(", ".join(apart), 0, count)
+        at_work = {pool.submit(_alone, name): name for name in apart}
+        for n, job in enumerate(as_completed(at_work), 1):
+            show(at_work[job], n, count)
+            finished(at_work[job], job.result)
+        at_work = {pool.submit(_alone, name): name for name in beside}
+        here = [name for name in jobs if name not in (*apart, *beside)]
+        for n, name in enumerate(here, len(apart)):
+            show(name, n, count)
+            finished(name, jobs[name])
+        for n, job in enumerate(as_completed(at_work), len(apart) + len(here)):
+            show(at_work[job], n, count)
+            finished(at_work[job], job.result)
     return failed
 
 

@@ -1,4 +1,4 @@
-"""What observations do to an adjusted network, as numba kernels. Private to the adjust room."""
+"""How far an adjustment follows each of its observations, as a numba kernel. Private to the adjust room."""
 
 from __future__ import annotations
 
@@ -56,22 +56,3 @@ def influences(
                 s01 += w0 * c * je[o, 1, b]
                 s11 += w1 * c * je[o, 1, b]
         out[o, 0, 0], out[o, 0, 1], out[o, 1, 0], out[o, 1, 1] = s00, s01, s01, s11
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def gathered(jd: Array, je: Array, cols: Ints, block: Ints, b: Array, group: Ints, dense: int, out: Array) -> None:
-    """Add J^T b (O, 2) to the columns of ``out`` (D + E b, G), each observation to that of its group; -1: to none.
-
-    ``dense`` is D.
-    """
-    size = je.shape[2]
-    for o in range(jd.shape[0]):
-        g = group[o]
-        if g < 0:
-            continue
-        for k in range(cols.shape[1]):
-            if cols[o, k] >= 0:
-                out[cols[o, k], g] += jd[o, 0, k] * b[o, 0] + jd[o, 1, k] * b[o, 1]
-        if block[o] >= 0:
-            for a in range(size):
-                out[dense + block[o] * size + a, g] += je[o, 0, a] * b[o, 0] + je[o, 1, a] * b[o, 1]

@@ -119,16 +119,6 @@ def influences(
             out[part] += np.where((b >= 0)[:, None, None], both, 0.0)
 
 
-def gathered(jd: Array, je: Array, cols: Ints, block: Ints, b: Array, group: Ints, dense: int, out: Array) -> None:
-    """See `_influence_kernels.gathered`."""
-    size = je.shape[2]
-    rows = np.where(block[:, None] >= 0, dense + size * block[:, None] + np.arange(size), -1)
-    for j, to in ((jd, cols), (je, rows)):
-        which = np.broadcast_to(group[:, None], to.shape)
-        here = (to >= 0) & (which >= 0)
-        np.add.at(out, (to[here], which[here]), np.einsum("oik,oi->ok", j, b)[here])
-
-
 def factor_blocks(h_ee: Array, floor: Array, damping: float, w: Array, y: Array) -> bool:
     """See `_kernels.factor_blocks`."""
     blocks, size = h_ee.shape[:2]

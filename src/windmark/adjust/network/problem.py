@@ -26,6 +26,10 @@ from windmark.geometry.similarity import Similarity
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Rows = tuple[Array, Array, Ints, Ints]
+
+KEPT = 30_000
+"""Marks up to which the derivatives at a minimum are kept for the next who asks (16 MB)."""
 
 
 class NetworkProblem:
@@ -42,6 +46,7 @@ class NetworkProblem:
         self.network = network
         self.layout: Layout = make_layout(network, start)
         self._last: tuple[NetworkState, Units] | None = None
+        self._rows: tuple[NetworkState, Rows] | None = None
         self._stabiliser: Array | None = None
         self.order = np.lexsort((network.point, network.view))
         self._weight = None if network.weight is None else network.weight[self.order]
@@ -73,7 +78,7 @@ class NetworkProblem:
         """The same in another frame: natural units go with it, so that steps mean what they did."""
         out = copy(self)
         out.layout = replace(self.layout, center=fit.apply(self.layout.center), unit=fit.scale * self.layout.unit)
-        out._last = out._stabiliser = None
+        out._last = out._rows = out._stabiliser = None
         return out
 
     @property
@@ -105,21 +110,25 @@ class NetworkProblem:
         out = np.empty((len(self.order), 2))
         return out if linear.residuals(self.marks, self.scene(state), out) else None
 
-    def jacobian(self, state: NetworkState) -> tuple[Array, Array, Ints, Ints]:
+    def jacobian(self, state: NetworkState) -> Rows:
         """Derivatives of the whitened residuals by each observation's own parameters, in the kernels' `order`.
 
         Returns
         -------
         dense : (O, 2, ROOM) by the dense parameters, whose columns are ``columns`` (O, ROOM); -1 where there is none
         eliminated : (O, 2, b) by the eliminated block ``block`` (O,), -1 for none
-        columns, block : as said; the four come as (dense, eliminated, columns, block)
+        columns, block : as said; the four come as (dense, eliminated, columns, block), not to be written into
         """
+        if self._rows is not None and self._rows[0] is state:
+            return self._rows[1]
         o, lay = len(self.order), self.layout
-        dense, eliminated = np.zeros((o, 2, ROOM)), np.zeros((o, 2, lay.size))
-        columns, block = np.zeros((o, ROOM), np.int64), np.zeros(o, np.int64)
+        dense, eliminated = np.empty((o, 2, ROOM)), np.empty((o, 2, lay.size))
+        columns, block = np.empty((o, ROOM), np.int64), np.empty(o, np.int64)
         linear.jacobian_rows(
             self.marks, self.scene(state), self.units(state), lay.columns, dense, eliminated, columns, block
         )  # fmt: skip
+        if o <= KEPT:
+            self._rows = state, (dense, eliminated, columns, block)
         return dense, eliminated, columns, block
 
     def linearise(self, state: NetworkState) -> NetworkEquations | None:
