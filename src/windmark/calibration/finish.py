@@ -57,6 +57,7 @@ def calibration(
     markers = replace(_with_discs(job.markers, discs).take(seen), xyz=state.points[seen], sigma=sigma)
     view_seen = np.zeros(len(job.views), dtype=np.bool_)
     view_seen[obs.view[solved.taken]] = True
+    residuals = _pixels(solved, obs.cov[solved.taken])
     at, o, frames = views_of(job, state), state.offsets, frames_of(job)[1]
     views = tuple(replace(job.views[v], cam_from_model=at[v][1]) for v in np.flatnonzero(view_seen))
     return Calibration(
@@ -69,12 +70,12 @@ def calibration(
             (np.cumsum(view_seen) - 1)[obs.view[solved.taken]], (np.cumsum(seen) - 1)[obs.point[solved.taken]],
             obs.xy[solved.taken], obs.cov[solved.taken],
         ),
-        residuals=_pixels(solved, obs.cov[solved.taken]),
+        residuals=residuals,
         test=solved.test,
         used=solved.used,
         sigma0=solved.sigma0,
         redundancy=solved.redundancy,
-        rms_px=float(np.sqrt((_pixels(solved, obs.cov[solved.taken])[solved.used] ** 2).sum(axis=1).mean())),
+        rms_px=float(np.sqrt((residuals[solved.used] ** 2).sum(axis=1).mean())),
         focal_change=(np.zeros(len(job.views)) if state.focal_change is None else state.focal_change)[view_seen],
         dropped=dropped,
         suspect=tuple(dict.fromkeys(name for doubt in doubts for name in doubt.names)),

@@ -117,6 +117,8 @@ def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) ->
     """(D + E b, count) J^T b, summed over the marks of each group."""
     lay = solved.problem.layout
     jd, je, cols, block = solved.problem.jacobian(solved.state)
+    free = (cols >= 0).any(axis=0)
+    jd, cols = jd[:, :, free], cols[:, free]
     rows = lay.dense + lay.blocks * lay.size
     out = np.zeros(rows * count)
     for start in range(0, len(b), CHUNK):
