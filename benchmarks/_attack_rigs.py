@@ -157,6 +157,17 @@ def displaced(seed: int, *, cameras: int = 3, how: str = "turned", hidden: float
     return RigTrial(tuple(views), tuple(poses), f"camera {moved}", options)
 
 
+def exchanged(seed: int, *, cameras: int = 3, hidden: float = 0.3, false: float = 0.5) -> RigTrial:
+    """Two cameras' places in the rig are exchanged, as two folders of pictures are."""
+    rng = np.random.default_rng(seed)
+    scene = _scene(rng, seed, cameras, 0.0)
+    views, options = _trial(rng, scene, hidden, false, occlusion=False)
+    poses = list(_in_rig(rng, scene.poses))
+    one, other = rng.permutation(cameras)[:2].tolist()
+    poses[one], poses[other] = poses[other], poses[one]
+    return RigTrial(tuple(views), tuple(poses), "exchanged", options)
+
+
 def _in_rig(rng: np.random.Generator, poses: tuple[Pose, ...]) -> tuple[Pose, ...]:
     model_from_rig = Pose.from_rotvec(rng.normal(size=3), rng.normal(size=3))
     return tuple(pose @ model_from_rig for pose in poses)

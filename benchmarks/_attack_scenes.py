@@ -136,7 +136,7 @@ RIG: dict[str, Callable[[int], RigTrial]] = {
     for cameras in (2, 3, 4)
     for how in ("turned", "shifted")
     for word, options in (("", {}), (", hidden", {"hidden": 0.7, "false": 1.0}))
-}
+} | {f"two of {cameras} exchanged": partial(rigs.exchanged, cameras=cameras) for cameras in (2, 3, 4)}
 MIXED = {"any two": mixed.two, "any two, prior": partial(mixed.two, prior=True)}
 
 ATTACKS = (

@@ -6,6 +6,7 @@ that names no such folder goes on where the one before it stands, as a reader do
 """
 
 import glob
+import inspect
 import os
 import re
 import shlex
@@ -18,6 +19,8 @@ import pytest
 from typer.testing import CliRunner
 
 from windmark.app.cli import app
+from windmark.pipeline.simulate_deforming import simulate_deforming
+from windmark.pipeline.simulate_psp import simulate_psp
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("docs/tutorial/*.md"))]
@@ -44,6 +47,7 @@ DATA_SAY_NO = {"windmark doctor", "windmark doctor --json", "windmark verify my-
 SMALLER = {
     "windmark simulate my-polar --psp 5": "windmark simulate my-polar --psp 1",
     "windmark simulate my-polar --psp 2": "windmark simulate my-polar --psp 1",
+    "windmark simulate my-board --board 6": "windmark simulate my-board --board 4",
     "windmark simulate my-run --infrared 40": "windmark simulate my-run --infrared 8",
     "windmark simulate my-model --photos 12": "windmark simulate my-model --photos 8",
     "windmark simulate my-photos --photos 24": "windmark simulate my-photos --photos 10",
@@ -63,6 +67,17 @@ PLACE: list[Path] = []
 @pytest.fixture(scope="module", autouse=True)
 def place(tmp_path_factory):
     PLACE.append(tmp_path_factory.mktemp("made"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_pictures():
+    """Whole jobs on pictures of a third of the usual pixels, for time; their projects say the radius."""
+    with pytest.MonkeyPatch.context() as patch:
+        for simulate in (simulate_psp, simulate_deforming):
+            usual = inspect.signature(simulate).parameters["size_px"].default
+            given = tuple((640, 400) if value == usual else value for value in simulate.__defaults__)
+            patch.setattr(simulate, "__defaults__", given)
+        yield
 
 
 def blocks(page: Path) -> list[list[str]]:

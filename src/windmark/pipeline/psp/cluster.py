@@ -145,15 +145,11 @@ def point_there(project: str, made: str, folder: str, name: str) -> PointRecord:
 
 
 def _the_same(project: Path, made: dict[str, Any]) -> PspTest:
-    import dask
     import scipy.linalg  # noqa: F401  it brings a BLAS of its own, which is to be told, too
     from threadpoolctl import threadpool_limits
 
-    # Otherwise xarray asks the scheduler for a lock for every file that it writes. For good, not for a block: a
-    # worker's threads share the library's settings.
-    dask.config.set(scheduler="synchronous")
     # As the command line has it: sums over another number of threads differ in their last digits, and with them every
-    # file. For good, too.
+    # file. For good, not for a block: a worker's threads share the library's settings.
     threadpool_limits(limits=1, user_api="blas")
     test = load_psp(read_psp_project(project))
     if (why := same_run.changed(made, made_with(test))) is not None:
