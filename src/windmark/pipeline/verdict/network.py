@@ -105,7 +105,7 @@ def _left_out(out: Mapping[str, str], count: int) -> list[Finding]:
             DOUBTFUL,
             "lost",
             f"{len(out)} of {count} pictures took no part; {name}: {why}",
-            "look at these pictures; take others that overlap more, or label markers in these",
+            "see the reason of each: correct what it names, label markers in these pictures, or take them again",
         )
     ]
 
