@@ -38,10 +38,21 @@ def windmark():
 @pytest.fixture(scope="module", autouse=True)  # other folders' tests may be next in the same process
 def quick_pictures():
     """Outlines in simulated pictures of 5 x 5 rays a pixel instead of 11 x 11: nothing in these tests is as fine."""
-    usual = render.__kwdefaults__["subpixels"]
-    render.__kwdefaults__["subpixels"] = 5
-    yield
-    render.__kwdefaults__["subpixels"] = usual
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(render.__kwdefaults__, "subpixels", 5)
+        yield
+
+
+@pytest.fixture(scope="session")
+def few_flats():
+    """``few_flats(folder)``: six even pictures of each camera of a paint test; every process reads them all."""
+
+    def leave(folder):
+        for flat in (folder / "calibration").glob("flat-*"):
+            if int(flat.stem.rpartition("-")[2]) >= 6:
+                flat.unlink()
+
+    return leave
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,6 @@ import re
 import shlex
 import shutil
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -59,16 +58,6 @@ SMALLER = {
 """The same with fewer frames, for time."""
 
 
-MADE: dict[tuple[str, ...], Path] = {}
-"""Simulated tests as they were made, by their command, which several pages begin with; they lie in `PLACE`."""
-PLACE: list[Path] = []
-
-
-@pytest.fixture(scope="module", autouse=True)
-def place(tmp_path_factory):
-    PLACE.append(tmp_path_factory.mktemp("made"))
-
-
 @pytest.fixture(scope="module", autouse=True)
 def small_pictures():
     """Whole jobs on pictures of a third of the usual pixels, for time; their projects say the radius."""
@@ -105,38 +94,41 @@ def chapters() -> dict[str, list[list[str]]]:
     return out
 
 
-def carry_out(line: str) -> None:
-    """Run a command in this process, in the folder where it stands."""
+def run(words: list[str], allowed: tuple[int, ...] = (0,)) -> None:
+    """A command in this process, in the folder where it stands."""
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code in allowed, f"{shlex.join(words)}\n{done.output[-1500:]}\n{done.exception!r}"
+
+
+def carry_out(line: str, made_once) -> None:
+    """Run a line of a page; what several pages simulate is made once and copied."""
     words = shlex.split(SMALLER.get(line, line), comments=True)
     if words[0] == "cd":
         os.chdir(words[1])
         return
     given = [w for word in words[1:] for w in (sorted(glob.glob(word)) or [word])]
-    simulated = given[0] == "simulate" and given[1] != "."
-    if simulated and Path(given[1]).exists():
+    if given[0] != "simulate" or given[1] == ".":
+        run(given, (0, 1) if " ".join(words) in DATA_SAY_NO else (0,))
+        return
+    folder, options = Path(given[1]), given[2:]
+    if folder.exists():
         if given[1] == HOME:  # by the same command, and what later blocks go on with lies in it
             return
-        shutil.rmtree(given[1])
-    if simulated and tuple(given) in MADE:
-        shutil.copytree(MADE[tuple(given)], given[1])
-        return
-    done = CliRunner().invoke(app, given)
-    allowed = (0, 1) if " ".join(words) in DATA_SAY_NO else (0,)
-    assert done.exit_code in allowed, f"{line}\n{done.output[-1500:]}\n{done.exception!r}"
-    if simulated:
-        MADE[tuple(given)] = shutil.copytree(given[1], Path(tempfile.mkdtemp(dir=PLACE[0])) / given[1])
+        shutil.rmtree(folder)
+    made = made_once("documented" + "".join(options), lambda place: run(["simulate", str(place), *options]))
+    shutil.copytree(made, folder)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chapter", list(chapters()))
-def test_commands_of_the_documentation_run(chapter, tmp_path, monkeypatch):
+def test_commands_of_the_documentation_run(chapter, made_once, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page, _, data = chapter.partition(" ")
     if page == "README.md":
-        carry_out("windmark simulate . --seed 7")
+        carry_out("windmark simulate . --seed 7", made_once)
     if data == HOME and page == "guide.md":
         for line in (f"windmark simulate {HOME} --seed 7", f"cd {HOME}", REGISTERED):
-            carry_out(line)
+            carry_out(line, made_once)
     ran = 0
     for block in chapters()[chapter]:
         if DATA.search(block[0]):
@@ -146,7 +138,7 @@ def test_commands_of_the_documentation_run(chapter, tmp_path, monkeypatch):
         for line in block:
             command = line.partition(" #")[0].strip()
             if command not in ELSEWHERE:
-                carry_out(command)
+                carry_out(command, made_once)
                 ran += 1
     assert ran or all(line in ELSEWHERE for block in chapters()[chapter] for line in block)
 

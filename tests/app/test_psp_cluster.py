@@ -22,13 +22,12 @@ START_S = 90
 
 
 @pytest.fixture(scope="module")
-def polar(tmp_path_factory):
+def polar(few_flats, tmp_path_factory):
     """Three points of the pictures of one, and one whose reference is missing."""
     folder = tmp_path_factory.mktemp("cluster") / "test"
     folder.mkdir()
     simulate_psp(folder, 12, 1, (640, 400))
-    for flat in [p for p in (folder / "calibration").glob("flat-*") if int(p.stem.rpartition("-")[2]) >= 6]:
-        flat.unlink()  # every process reads them
+    few_flats(folder)
     with open(folder / "points.csv", newline="") as stream:
         (row,) = csv.DictReader(stream)
     rows = [{**row, "point": f"p{k}"} for k in range(3)] + [{**row, "point": "bad", "off": "none-{camera}.tif"}]

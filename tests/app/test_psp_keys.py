@@ -29,14 +29,13 @@ def made():
 
 
 @pytest.fixture(scope="module")
-def polar(made, tmp_path_factory):
+def polar(made, few_flats, tmp_path_factory):
     """One point at 4 degrees, p02, with pictures in all colours; taps are compared with, not fitted to."""
     folder = tmp_path_factory.mktemp("keys") / "test"
     folder.mkdir()
     test = replace(made, points=made.points[1:])
     write_psp_test(folder, test)
-    for flat in [p for p in (folder / "calibration").glob("flat-*") if int(p.stem.rpartition("-")[2]) >= 6]:
-        flat.unlink()  # half a second of every run
+    few_flats(folder)
     for k, (name, law) in enumerate(COLOURS.items()):
         other = replace(test, paint=replace(test.paint, law=law), seed=1031 + 1000 * k)
         for kind, camera, j, picture in other.pictures(test.points[0]):

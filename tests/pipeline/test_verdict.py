@@ -20,7 +20,7 @@ from windmark.pipeline.verdict import BAD, CAUSES, DOUBTFUL, GOOD, Finding, Verd
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.pipeline.verdict.errors import error_verdict
 from windmark.pipeline.verdict.infrared import infrared_verdict
-from windmark.pipeline.verdict.network import reconstruct_verdict
+from windmark.pipeline.verdict.network import _left_out, reconstruct_verdict
 from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
 from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_blur
 from windmark.pipeline.verdict.registered import MOVED, REFUSALS, refused
@@ -339,6 +339,14 @@ def test_blurred_pictures_explain_why_nothing_was_reconstructed():
     assert (verdict.word, verdict.cause) == (BAD, "blurred")
     assert verdict.reason.endswith("not reconstructed: no two pictures could be matched")
     assert reconstruct_verdict(none, "mm", [replace(p, blur_px=np.nan) for p in pictures]).cause == "no match"
+
+
+@pytest.mark.parametrize(("out", "count", "said"), [(1, 5, False), (2, 20, False), (2, 10, True), (3, 20, True)])
+def test_pictures_that_took_no_part_are_doubted_where_they_are_no_single_ones(out, count, said):
+    reasons = {f"P{k}": "out of focus" for k in range(out)}
+    found = _left_out(reasons, count)
+    assert [(f.word, f.cause) for f in found] == ([(DOUBTFUL, "lost")] if said else [])
+    assert not said or found[0].reason == f"{out} of {count} pictures took no part; P0: out of focus"
 
 
 def test_what_following_found_is_said_of_every_series():

@@ -13,12 +13,13 @@ from matplotlib.figure import Figure
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn, write_png
+from windmark.app.pictures import BLUE
 from windmark.app.project_place import project_in
 from windmark.errors import UsageError
 from windmark.pipeline.deform import load, read_deform_project
 from windmark.pipeline.deform.laws import DECISIVE, LawsCompared, candidates, compare_project
 
-BLUE, GREY, ORANGE = "#1565c0", "#9e9e9e", "#ef6c00"
+GREY, ORANGE = "#9e9e9e", "#ef6c00"
 OUTPUT = Path("law-comparison")
 
 

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from windmark.app.laws_examples import UNIT, Shown
-from windmark.app.pictures import WIDTH_IN
+from windmark.app.pictures import BLUE, RED, WIDTH_IN
 from windmark.deformation import Parameter
 from windmark.errors import g3
 from windmark.geometry import Camera, Pose
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-GREY, BLUE, RED = "#b0b0b0", "#1565c0", "#d50000"
+GREY = "#b0b0b0"
 SHOWN = 6
 """Parameters that get a panel."""
 MOST, MOST_DEG = 75.0, 20.0

@@ -10,7 +10,7 @@ from matplotlib.patches import Arc, Circle, FancyArrowPatch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from windmark.app.pictures import WIDTH_IN
+from windmark.app.pictures import DARK, WIDTH_IN
 from windmark.errors import g2, g3
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.surface import surface_view
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 COLOURS = ("#c62828", "#2e7d32", "#1565c0")
-DARK, STEP = "#263238", "#ef6c00"
+STEP = "#ef6c00"
 _HALO = [withStroke(linewidth=2.5, foreground="white")]
 _SIZE, _FOV = (1100, 760), 12.0
 _FARTHEST = 3.0

@@ -29,7 +29,7 @@ Ints = NDArray[np.int64]
 Rows = tuple[Array, Array, Ints, Ints]
 
 KEPT = 30_000
-"""Marks up to which the derivatives at a minimum are kept for the next who asks (16 MB)."""
+"""Marks up to which the derivatives at a minimum are kept for the next who asks (25 MB)."""
 
 
 class NetworkProblem:
