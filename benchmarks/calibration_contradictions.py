@@ -110,14 +110,17 @@ def control(rng: np.random.Generator, off: float, held: bool = False, wide: bool
 
 
 def moved(rng: np.random.Generator, free_net: bool, late: bool) -> Case:
-    """A marker stands 2 mm elsewhere in half of the pictures."""
+    """A marker stands 2 mm elsewhere in half of the pictures that show it, never in most: there it is where it is."""
     case = free(rng, 10) if free_net else plate(rng)
     who = int(rng.choice(np.setdiff1d(np.arange(MARKERS), case.scene.primaries)))
     step = rng.normal(size=3)
     xyz = case.scene.truth.points.copy()
     xyz[who] += 2 * step / np.linalg.norm(step)
-    views = np.arange(5, 10) if late else rng.choice(10, 5, replace=False)
-    return _seen_otherwise(case, case.scene.truth, xyz, views, (case.scene.point == who), tuple(names(np.array([who]))))
+    mine = case.scene.point == who
+    shown = np.sort(case.scene.view[mine])
+    half = len(shown) // 2
+    views = shown[len(shown) - half :] if late else rng.choice(shown, half, replace=False)
+    return _seen_otherwise(case, case.scene.truth, xyz, views, mine, tuple(names(np.array([who]))))
 
 
 def refocused(rng: np.random.Generator, count: int, by: float = 0.003) -> Case:

@@ -74,26 +74,34 @@ def simulate(
     folder: Annotated[Path, typer.Argument(help="Where the test is written.")],
     seed: Seed = 1,
     deforming: Annotated[
-        int | None, typer.Option(help="A deformation test instead: so many frames of a bending wing by two cameras.")
+        int | None,
+        typer.Option(min=3, help="A deformation test instead: so many frames of a bending wing by two cameras."),
     ] = None,
     infrared: Annotated[
         int | None,
-        typer.Option(help="An infrared run instead: so many frames of a wing that moves and heats up, by two cameras."),
+        typer.Option(
+            min=8, help="An infrared run instead: so many frames of a wing that moves and heats up, by two cameras."
+        ),
     ] = None,
     cameras: Annotated[
-        int | None, typer.Option(help="Several cameras instead (2-5), one picture each at one moment, to be merged.")
+        int | None,
+        typer.Option(min=2, max=5, help="Several cameras instead (2-5), one picture each at one moment, to be merged."),
     ] = None,
     photos: Annotated[
-        int | None, typer.Option(help="Hand-held pictures of the model instead: so many, with a few known markers.")
+        int | None,
+        typer.Option(min=2, help="Hand-held pictures of the model instead: so many, with a few known markers."),
     ] = None,
     psp: Annotated[
-        int | None, typer.Option(help="A paint test instead: a polar of so many incidences by two cameras, with taps.")
+        int | None,
+        typer.Option(min=1, help="A paint test instead: a polar of so many incidences by two cameras, with taps."),
     ] = None,
     board: Annotated[
-        int | None, typer.Option(help="Pictures of a printed dot board instead: so many by each of two cameras.")
+        int | None,
+        typer.Option(min=3, help="Pictures of a printed dot board instead: so many by each of two cameras."),
     ] = None,
     sequence: Annotated[
-        int | None, typer.Option(help="A film of the model instead: so many pictures while it swings.")
+        int | None,
+        typer.Option(min=2, help="A film of the model instead: so many pictures while it swings."),
     ] = None,
     clocks: Annotated[
         bool, typer.Option("--clocks", help="With --deforming: cameras of different rates, a swinging wing.")

@@ -134,7 +134,12 @@ def _lost(job: Job, solved: Solved) -> list[Doubt]:
     obs, bad, out = job.observations, ~solved.used, []
     for index, names, words, cause in (
         (obs.point, job.markers.name.tolist(), "it moved, is not where its table says, or has wrong labels", "marker"),
-        (obs.view, [v.name for v in job.views], "out of focus, wrong labels, or the markers had moved", "picture"),
+        (
+            obs.view,
+            [v.name for v in job.views],
+            "out of focus, taken by another camera, wrong labels, or the markers had moved",
+            "picture",
+        ),
     ):
         lost = np.bincount(index[solved.taken][bad], minlength=len(names))
         every = np.bincount(index[solved.taken], minlength=len(names))

@@ -45,7 +45,7 @@ BINDING = Option(
 OCCLUSION = Option(
     "occlusion", True, "Markers that the grid hides are neither expected nor matched.", flag="--no-occlusion"
 )
-SEED = Option("seed", 0, "Seed of every random choice: same seed, same result.")
+SEED = Option("seed", 0, "Seed of every random choice: same seed, same result.", least=0)
 
 OPTIONS = (
     METHOD, PRIOR_MAX_ANGLE_DEG, PRIOR_MAX_SCALE, TOLERANCE_PX, FREE_FOCAL, MAX_TIME_S, MAX_TABLE_ERROR,

@@ -179,7 +179,7 @@ class RegisterOptions(Strict):
     prior_max_scale: Annotated[float, ranged(PRIOR_MAX_SCALE)] = PRIOR_MAX_SCALE.default
     tolerance_px: Annotated[float, ranged(TOLERANCE_PX)] | None = TOLERANCE_PX.default
     free_focal: bool = FREE_FOCAL.default
-    seed: int = SEED.default
+    seed: Annotated[int, ranged(SEED)] = SEED.default
     max_time_s: Annotated[float, ranged(MAX_TIME_S)] | None = MAX_TIME_S.default
     max_table_error: Annotated[float, ranged(MAX_TABLE_ERROR)] = MAX_TABLE_ERROR.default
     max_deformation: Annotated[float, ranged(MAX_DEFORMATION)] = MAX_DEFORMATION.default

@@ -46,8 +46,9 @@ def check_options(verb: str, options: dict[str, Any], prior: Pose | None) -> Non
             f"{verb}: max_deformation must be from 0 to {MOST_DEFORMATION} of the model's size, "
             f"got {options['max_deformation']}"
         )
-    if options["min_margin"] < 0:
-        raise UsageError(f"{verb}: min_margin must be >= 0, got {options['min_margin']}")
+    for name in ("min_margin", "seed"):
+        if options[name] < 0:
+            raise UsageError(f"{verb}: {name} must be >= 0, got {options[name]}")
 
 
 def default_tolerance(xy: Array, camera: Camera, markers: MarkerSet, near: Array | None = None) -> float:

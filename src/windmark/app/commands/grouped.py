@@ -24,7 +24,7 @@ OUTPUT = "Output"
 
 
 def told(option: Option[Any], *flags: str, panel: str | None = None) -> Any:
-    """An option of the table for an argument's annotation: its flags and its help.
+    """An option of the table for an argument's annotation: its flags, its help, and the ends that it may reach.
 
     Parameters
     ----------
@@ -32,7 +32,8 @@ def told(option: Option[Any], *flags: str, panel: str | None = None) -> Any:
     flags : in place of its own, such as those with a short form
     panel : heading in the help under which it stands
     """
-    return typer.Option(*(flags or (option.flags,)), help=option.sentence, rich_help_panel=panel)
+    ends: dict[str, Any] = {"min": option.least, "max": option.most if option.above is None else None}
+    return typer.Option(*(flags or (option.flags,)), help=option.sentence, rich_help_panel=panel, **ends)
 
 
 def written(help_text: str = "Folder of the results.") -> Any:

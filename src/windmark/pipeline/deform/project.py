@@ -112,7 +112,7 @@ class LookEntry(Strict):
     max_time_s: Annotated[float, ranged(MAX_TIME_S)] | None = MAX_TIME_S.default
     max_table_error: Annotated[float, ranged(MAX_TABLE_ERROR)] = MAX_TABLE_ERROR.default
     max_deformation: Annotated[float, ranged(MAX_DEFORMATION)] = MAX_DEFORMATION.default
-    seed: int = SEED.default
+    seed: Annotated[int, ranged(SEED)] = SEED.default
     occlusion: bool = OCCLUSION.default
 
 
