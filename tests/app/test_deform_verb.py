@@ -351,13 +351,6 @@ def test_no_usable_frame_is_a_refusal(copy, windmark):
     assert "no wind-off frame can be used" in done.err
 
 
-def test_simulate_says_what_to_do_next(tmp_path, windmark):
-    done = windmark("simulate", tmp_path / "s", "--deforming", 2)
-    assert done.code == 2
-    assert "at least 3" in done.err
-    assert not (tmp_path / "s").exists()
-
-
 @pytest.mark.slow
 def test_without_its_pictures_and_its_film_the_deformation_is_there(copy, windmark, no_pictures, monkeypatch):
     from windmark.app import deform_report

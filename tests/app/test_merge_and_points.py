@@ -240,9 +240,6 @@ def test_bad_tables_of_points(resect, text, message):
 
 
 def test_simulate_several_cameras(tmp_path, windmark):
-    done = windmark("simulate", tmp_path / "x", "--cameras", 9)
-    assert done.code == 2
-    assert "expected 2 to 5" in done.err
     assert windmark("simulate", tmp_path / "x", "--cameras", 2, "--deforming", 5).code == 2
     assert not (tmp_path / "x").exists()
 

@@ -1,5 +1,6 @@
 """Does a deformation say what contradicts it? All residuals, their pattern, markers and views that lost marks."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -82,6 +83,16 @@ def test_a_law_too_simple_is_named_by_what_is_left_and_its_sigmas_contain_it():
         without.append(np.abs(off) > 1.96 * np.sqrt(np.diagonal(stated, axis1=1, axis2=2)))
     assert np.mean(outside) < 0.08
     assert np.mean(without) > 0.3
+
+
+def test_a_part_that_bends_and_has_no_law_is_named_as_that_with_the_unit_that_was_given():
+    rigid = Volumes.of((Volume("wing"),), "in")
+    found = identify(observed(seen(), np.random.default_rng(41)), MARKERS, rigid, CAMERAS, VIEWS)
+    assert isinstance(found, Deformation)
+    words = next(str(d) for d in found.doubts if d.cause == "bent")
+    # Everything that a bent wing lacks: two kinds are named, the others are counted.
+    looks = "wing deforms and has no law: what is left looks like "
+    assert re.fullmatch(looks + r"bending of \S+ in at m\d+ and twist of \S+ deg at m\d+ \(and \d more\)", words)
 
 
 def test_spots_less_certain_than_stated_scale_the_covariance_and_never_shrink_it():
@@ -187,6 +198,7 @@ def test_a_flap_that_moves_with_the_wing_is_asked_for_its_parent():
         assert {"flap", "wing"} <= set(fixed.suspect)
     assert "flap moves with wing" in words
     assert "give it that parent" in words
+    assert not fixed or "attached" in {d.cause for d in fixed.doubts}
 
 
 @pytest.mark.parametrize("bends", [1.0, 0.0])

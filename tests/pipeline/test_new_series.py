@@ -15,7 +15,7 @@ from windmark.pipeline.check import check_project
 from windmark.pipeline.deform.project import read_deform_project
 from windmark.pipeline.folder import look_into
 from windmark.pipeline.new_project import choose, common_pattern
-from windmark.pipeline.new_series import _unquoted, command, csv_with, series_missing
+from windmark.pipeline.new_series import _unquoted, command, csv_with, ends_of, series_missing
 from windmark.scene import MarkerSet, Mesh
 
 CAMERA = Camera((64, 48), 80.0, 1.0, 31.5, 23.5)
@@ -50,6 +50,29 @@ def test_a_deformation_project_is_sound_and_reads_as_one(folder):
     read = read_deform_project(project)
     assert [c.images for c in read.camera] == ["images/cam1-*.tif", "images/cam2-*.tif"]
     assert [v.name for v in read.volume] == ["body", "wing"]
+
+
+def test_a_law_in_the_file_has_the_ends_of_its_parts_markers_and_works_when_the_hash_is_taken_away(folder, capsys):
+    """A wing along y beside a body at y = 0; its first marker is the nearest one to it."""
+    xyz = np.array([[-50, 0, 0], [50, 0, 0], [0, 0, 30], [4, 20, 1], [2, 60, 0], [-3, 120, 2], [0, 200, 1], [9, 9, 9]])
+    markers = MarkerSet.make([f"m{k}" for k in range(8)], xyz, volume=["body"] * 3 + ["wing"] * 5,
+                             role=["model"] * 7 + ["wall"])  # fmt: skip
+    io.write_markers(folder / "markers.csv", markers, length_unit="mm")
+    project = init(folder, "deform")
+    assert "parts: body, wing; each is rigid until the file gives it a law" in capsys.readouterr().out
+    head, wing = project.read_text().split('name = "wing"')
+    project.write_text(head + 'name = "wing"' + wing.replace("# law", "law", 1).replace("# options", "options", 1))
+    (law,) = [v for v in read_deform_project(project).volume if v.law]
+    assert law.name == "wing"
+    np.testing.assert_allclose(law.options["root"], [2.5, 20, 1], atol=3)
+    np.testing.assert_allclose(law.options["tip"], [-0.5, 200, 1], atol=3)
+    assert check_project(project).problems == []
+
+
+@pytest.mark.parametrize("xyz", [np.zeros((5, 3)), np.arange(6.0).reshape(2, 3)])
+def test_markers_in_one_place_or_too_few_have_no_ends(xyz):
+    markers = MarkerSet.make([f"m{k}" for k in range(len(xyz))], xyz, volume=["wing"] * len(xyz))
+    assert ends_of(markers, "wing") is None
 
 
 def test_a_camera_without_pose_is_named(folder):

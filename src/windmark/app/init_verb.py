@@ -13,7 +13,15 @@ from windmark.app import console
 from windmark.errors import UsageError
 from windmark.pipeline.folder import FolderContent, look_into
 from windmark.pipeline.new_project import Choice, choose, missing, project_text
-from windmark.pipeline.new_series import COMMANDS, PROJECTS, command, known_markers, series_missing, series_text
+from windmark.pipeline.new_series import (
+    COMMANDS,
+    PROJECTS,
+    command,
+    known_markers,
+    parts_of,
+    series_missing,
+    series_text,
+)
 
 SHOWN = 8
 """Files that could not be used that are listed."""
@@ -121,6 +129,9 @@ def _lines(content: FolderContent, choice: Choice, target: Path, verb: str) -> l
     lines = _found(content, choice)
     lines += [f"missing: {words}" for words in choice.missing]
     lines += [f"written: {target}"]
+    parts = parts_of(content, choice) if verb == "deform" else []
+    if parts:
+        lines += [f"  parts: {', '.join(parts)}; each is rigid until the file gives it a law"]
     step = "complete it, then " if choice.missing else ""
     return [*lines, f"next: {step}windmark check {target}, then windmark {verb} {target}"]
 

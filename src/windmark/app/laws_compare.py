@@ -30,7 +30,10 @@ def compare(project: Path, laws: Sequence[str], frames: int, folder: Path | None
     loaded = load(read_deform_project(project_in(project, "deform")))
     volumes = candidates(loaded, laws)
     if len(volumes) < 2:
-        raise UsageError("nothing to compare: give --law, or [[volume.alternative]] in the project")
+        raise UsageError(
+            "nothing to compare: give --law VOLUME/LAW (windmark laws lists them), or [[volume.alternative]] in the "
+            "project"
+        )
     folder = folder or OUTPUT
     with console.progress() as show, console.result_folder(folder) as out:
         show("compile and find the first frame")

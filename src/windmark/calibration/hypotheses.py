@@ -70,8 +70,8 @@ def refocused(job: Job, solved: Solved) -> tuple[list[Refocused], float]:
     used = solved.used[order]
     r = solved.residual[order]
     white = whitener(problem.network.cov, len(order))[order]
-    seen = np.linalg.solve(white, r[..., None])[..., 0] + marks.xy - marks.shift
-    b = np.where(used[:, None], (white @ (seen - center)[..., None])[..., 0], 0.0)
+    # The residual is white (seen - xy + shift): what the view's focal length moves is white (seen - center).
+    b = np.where(used[:, None], r + (white @ (marks.xy - marks.shift - center)[..., None])[..., 0], 0.0)
     views = np.array([v for v in np.unique(obs.view[solved.taken][solved.used]) if lay.columns.focal[v] < 0])
     if not len(views):
         return [], 0.0
@@ -120,17 +120,15 @@ def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) ->
     free = (cols >= 0).any(axis=0)
     jd, cols = jd[:, :, free], cols[:, free]
     rows = lay.dense + lay.blocks * lay.size
-    out = np.zeros(rows * count)
+    out = np.zeros((rows + 1) * count)  # the last row takes what belongs to no parameter
     for start in range(0, len(b), CHUNK):
         part = slice(start, start + CHUNK)
-        own = block[part, None]
-        row = np.where(own >= 0, lay.dense + lay.size * own + np.arange(lay.size), -1)
-        for j, to in ((jd[part], cols[part]), (je[part], row)):
-            which = np.broadcast_to(group[part, None], to.shape)
-            here = (to >= 0) & (which >= 0)
+        own, which = block[part, None], np.maximum(group[part, None], 0)
+        row = np.where(own >= 0, lay.dense + lay.size * own + np.arange(lay.size), rows)
+        for j, to in ((jd[part], np.where(cols[part] >= 0, cols[part], rows)), (je[part], row)):
             value = j[:, 0] * b[part, :1] + j[:, 1] * b[part, 1:]
-            out += np.bincount((to * count + which)[here], value[here], rows * count)
-    return out.reshape(rows, count)
+            out += np.bincount((to * count + which).ravel(), value.ravel(), len(out))
+    return out.reshape(rows + 1, count)[:rows]
 
 
 def _chance(test: float, dof: int, solved: Solved) -> float:

@@ -63,9 +63,9 @@ def unattached(solved: Solved) -> tuple[list[Doubt], list[Doubt]]:
                 reach = f"{g2(most)} {length_unit(solved.task.volumes)}".rstrip()
                 words = (f"whether {{}} moves with {{}} would go unnoticed here, where that moves by up to {reach}; "
                          "its sigmas are those of its own law alone")  # fmt: skip
-                unchecked.append(Doubt((name, beside), words, "bent"))
+                unchecked.append(Doubt((name, beside), words, "attached"))
             continue
-        out.append(Doubt((name, beside), words, "bent"))
+        out.append(Doubt((name, beside), words, "attached"))
     return out, unchecked
 
 

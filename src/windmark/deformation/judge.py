@@ -20,6 +20,8 @@ from windmark.scene import Doubt
 
 FALSE = 2.5e-4
 """Probability that residuals as large as stated are called too large."""
+TOLD = 2
+"""Kinds of what a law lacks that are named, the most telling first; how many more there are is said."""
 WORTH = 0.1
 """Residuals that are larger than those of so many right instants are worth the test of the cameras."""
 
@@ -71,8 +73,12 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
         by_volume: dict[str, list[str]] = {}
         for volume, words in pattern.looks:
             by_volume.setdefault(volume, []).append(words)
-        doubts += [Doubt((v,), "law of {} too simple: what is left looks like " + " and ".join(w), "bent")
-                   for v, w in by_volume.items()]  # fmt: skip
+        laws = {part.name for part in solved.task.volumes.parts if part.law is not None}
+        for volume, kinds in by_volume.items():
+            head = "law of {} too simple" if volume in laws else "{} deforms and has no law"
+            more = f" (and {len(kinds) - TOLD} more)" if len(kinds) > TOLD else ""
+            named = " and ".join(kinds[:TOLD])
+            doubts.append(Doubt((volume,), f"{head}: what is left looks like {named}{more}", "bent"))
     scale = 1.0
     if chdtrc(redundancy, chi2) < FALSE:
         scale = chi2 / redundancy

@@ -95,9 +95,9 @@ class Misfit:
 
 
 def length_unit(volumes: Volumes) -> str:
-    """The length unit, where a law's parameter has it; else ""."""
+    """The length unit, where it was given or a law's parameter has it; else ""."""
     known = [p.unit for p in volumes.parameters if p.unit and "/" not in p.unit and p.unit not in ANGLE_UNITS]
-    return known[0] if known else ""
+    return volumes.unit or (known[0] if known else "")
 
 
 def carried(volumes: Volumes, name: str) -> list[str]:

@@ -59,13 +59,15 @@ class Volumes:
     Parameters
     ----------
     parts : the volumes; one that is not named here is rigid and belongs to the model's frame
+    unit : of lengths in what is said of them; "" for that of the laws' parameters, if one has it
     """
 
     parts: tuple[Volume, ...]
+    unit: str = ""
 
     @staticmethod
-    def of(parts: Sequence[Volume] | Volumes) -> Volumes:
-        """Volumes from a list.
+    def of(parts: Sequence[Volume] | Volumes, unit: str = "") -> Volumes:
+        """Volumes from a list; those that are some already stay as they are.
 
         Raises
         ------
@@ -88,7 +90,7 @@ class Volumes:
                     raise UsageError(f"volumes: {' -> '.join([*chain, above])}: a volume cannot be its own parent")
                 chain.append(above)
                 above = known[above].parent
-        return Volumes(tuple(parts))
+        return Volumes(tuple(parts), unit)
 
     @cached_property
     def _slices(self) -> dict[str, slice]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark.pipeline.folder import FolderContent
 from windmark.pipeline.new_pictures import common_of_cameras, frames_and_others, places_of, series, series_of
@@ -21,12 +21,16 @@ from windmark.pipeline.new_project import (
     unit_lines,
     used_cameras,
 )
+from windmark.scene import MarkerSet
+
+Array = NDArray[np.float64]
 
 PROJECTS = ("run", "deform", "psp", "infrared")
 """Verbs that have a project file."""
 COMMANDS = ("calibrate", "reconstruct")
 """Verbs that are told everything on the command line."""
 _LAW = '# law = "beam"   # how it deforms: windmark laws lists them; without a law it is rigid'
+_ENDS = "clamped at root: the ends of its markers, look where they really are"
 _TABLES = {
     "points": "[points] table, one row per point with its conditions and pictures",
     "cell": "[paint] cell, the paint's calibration (pressure, temperature, ratio)",
@@ -165,14 +169,44 @@ def _list(names: list[str]) -> str:
 
 def _volumes(content: FolderContent, choice: Choice) -> list[str]:
     """The parts that the marker table names."""
-    names: Iterable[str] = ()
-    if choice.markers is not None and choice.markers in content.markers:
-        markers = content.markers[choice.markers]
-        names = [str(v) for v in np.unique(markers.volume[markers.role != "wall"]) if v]
     lines = ['# The model\'s parts. One that hangs at another one: parent = "...".']
+    markers = content.markers.get(choice.markers) if choice.markers is not None else None
+    names = parts_of(content, choice)
     for name in names:
-        lines += ["[[volume]]", f"name = {quoted(name)}", _LAW, ""]
+        lines += ["[[volume]]", f"name = {quoted(name)}", _LAW]
+        ends = None if markers is None else ends_of(markers, name)
+        if ends is not None:
+            root, tip = ([round(float(v), 3) for v in end] for end in ends)
+            lines += [f"# options = {{ root = {root}, tip = {tip} }}   # {_ENDS}"]
+        lines += [""]
     return lines if names else [*lines, "# [[volume]]", '# name = "wing"', _LAW, ""]
+
+
+def parts_of(content: FolderContent, choice: Choice) -> list[str]:
+    """The model's parts that the marker table names."""
+    markers = content.markers.get(choice.markers) if choice.markers is not None else None
+    return [] if markers is None else [str(v) for v in np.unique(markers.volume[markers.role != "wall"]) if v]
+
+
+def ends_of(markers: MarkerSet, volume: str) -> tuple[Array, Array] | None:
+    """(3,), (3,) ends of a part's markers along their longest direction, first the one that is nearer to the others.
+
+    None for fewer than three markers, and for markers in one place.
+    """
+    model = markers.xyz[markers.role != "wall"]
+    own = markers.volume[markers.role != "wall"] == volume
+    xyz, rest = model[own], model[~own]
+    if len(xyz) < 3:
+        return None
+    middle = xyz.mean(axis=0)
+    _, size, axes = np.linalg.svd(xyz - middle, full_matrices=False)
+    if not size[0] > 0:
+        return None
+    along = (xyz - middle) @ axes[0]
+    ends = [middle + along.min() * axes[0], middle + along.max() * axes[0]]
+    if len(rest):
+        ends.sort(key=lambda end: float(np.linalg.norm(rest - end, axis=1).min()))
+    return ends[0], ends[1]
 
 
 def _deform() -> list[str]:

@@ -147,8 +147,8 @@ def heated_test(
     netd_K, unequal_K : noise of a pixel, and how unequal pixels are, both in kelvin at 300 K
     """
     times = np.arange(frames) / rate_hz
-    if frames < 3 or times[-1] <= still_s:
-        least = int(still_s * rate_hz) + 3
+    least = int(still_s * rate_hz) + 3  # two of them with wind
+    if frames < least:
         raise UsageError(f"frames: expected at least {least}, some of them with wind, got {frames}")
     paint = Paint.random(np.random.default_rng([seed, 51]), {}, (), unevenness=0.0, grain=0.0)
     test = stereo_wing(seed, size_px=size_px, nodes=nodes, paint=paint, sensor=None, marker_contrast=PLUG)

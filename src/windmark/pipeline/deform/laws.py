@@ -86,7 +86,8 @@ def candidates(loaded: Loaded, texts: Sequence[str] = ()) -> dict[str, Volumes]:
     """
     project = loaded.project
     own = [v for v in project.volume if v.law]
-    out = {"+".join(_label(v.law or "", v.options, v.options) for v in own) + " (project)": loaded.test.volumes}
+    labels = "+".join(_label(v.law or "", v.options, v.options) for v in own)
+    out = {f"{labels} (project)" if own else NONE: loaded.test.volumes}
     others = [(v, a) for v in project.volume for a in v.alternative]
     others += [_parsed(text, project, own) for text in texts]
     for volume, entry in others:
@@ -273,6 +274,11 @@ def _verdict(good: Sequence[Score], scale: float) -> tuple[str, str]:
         return "", f"the data cannot tell {names} from each other; the simplest of them is {simplest.name}{misfit}"
     known = [s for s in good if np.isfinite(s.held_out_chi2)]
     better = min(known, key=lambda s: s.held_out_chi2, default=first)
+    if known and not np.isfinite(first.held_out_chi2):
+        return "", (
+            f"the evidence is for {first.name}, which could not be tried on markers that it has not seen, as "
+            f"{better.name} could: neither is settled{misfit}"
+        )
     if better is not first and not first.held_out_chi2 <= WORSE * better.held_out_chi2:
         return "", (
             f"the evidence is for {first.name}, but {better.name} predicts markers that it has not seen better "

@@ -160,7 +160,7 @@ def volumes_of(project: DeformProject, markers: MarkerSet) -> tuple[Volumes, lis
         except WindmarkError as error:
             raise io.FileError(project.path, str(error), key) from None
     try:
-        return Volumes.of(parts), remarks
+        return Volumes.of(parts, project.length_unit), remarks
     except WindmarkError as error:
         raise io.FileError(project.path, str(error), "volume") from None
 

@@ -15,7 +15,9 @@ STEPS = {
     "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
     "(--board-marks)",
     "moved": "place this camera anew, or say that it moves",
-    "bent": "a richer law for the named volume (windmark laws --compare)",
+    "attached": 'say what carries it: parent = "..." in its [[volume]]',
+    "bent": "give the named volume a richer law: windmark laws lists them, windmark laws --compare PROJECT --law "
+    "VOLUME/LAW tells which one the pictures ask for",
     "noise": "see which markers or laws leave residuals; give the table its true sigma",
     "camera": "check the value that was given for it",
     "layout": "label a marker in this picture, or leave it out",
