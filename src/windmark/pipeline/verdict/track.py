@@ -23,53 +23,9 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
             "no match", f"no image gave a pose; the first: {reason}", "run windmark register on one image first"
         )
     found = lost_findings([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
-    excess, spot = (middle([getattr(r, k) for r in good]) for k in ("excess_px", "spot_px"))
-    if excess > max(rules.PLACE_PX, rules.NOISE_TIMES * spot):
-        found.append(
-            Finding(
-                DOUBTFUL,
-                "table",
-                f"markers about {g1(middle([r.off_table for r in good]))} {unit} off their table "
-                f"(median of {len(good)} images): residuals are {np.hypot(excess, spot) / spot:.0f} "
-                f"times their spots' sigma",
-                "measure the markers (windmark reconstruct), or calibrate the lens",
-            )
-        )
-    bent = [r for r in good if r.bent_px > rules.PLACE_PX]
-    if len(bent) > rules.SOME * len(good):
-        far = max(r.bent_px for r in bent)
-        found.append(
-            Finding(
-                DOUBTFUL,
-                "bent",
-                f"the model is bent in {len(bent)} of {len(good)} images (up to {g2(far)} px); its pose is "
-                "that of a rigid one",
-                "measure the deformation (windmark deform)",
-            )
-        )
+    found += [*_off_table(good, unit), *_bent(good)]
     found += series_blur(("", r.blur_px, r.radius_px) for r in good)
-    few = [r for r in good if r.matched < rules.FEW]
-    if len(few) > rules.SOME * len(good):
-        found.append(
-            Finding(
-                DOUBTFUL,
-                "few",
-                f"{len(few)} of {len(good)} images rest on fewer than {rules.FEW} markers",
-                "paint more markers, or choose roles that are seen",
-            )
-        )
-    gone = [r for r in good if r.matched < (1 - rules.MISSING) * r.expected]
-    if len(gone) > rules.SOME * len(good):
-        worst = min(gone, key=lambda r: r.matched / max(r.expected, 1))
-        found.append(
-            Finding(
-                DOUBTFUL,
-                "missing",
-                f"{len(gone)} of {len(good)} images lack over a third of their markers; "
-                f"{worst.name}: {worst.matched} of {worst.expected}",
-                "look at windmark detect on this image",
-            )
-        )
+    found += [*_few(good), *_missing(good)]
     rms = middle([r.rms_px for r in good])
     return Verdict.of(
         found,
@@ -77,3 +33,57 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
         f"all {len(good)} images have a pose, residuals of {g2(rms)} px RMS are the spots' noise",
         "use poses.csv",
     )
+
+
+def _off_table(good: Sequence[PoseRow], unit: str) -> list[Finding]:
+    """Markers that are off their table."""
+    excess, spot = (middle([getattr(r, k) for r in good]) for k in ("excess_px", "spot_px"))
+    if not excess > max(rules.PLACE_PX, rules.NOISE_TIMES * spot):
+        return []
+    return [
+        Finding(
+            DOUBTFUL, "table",
+            f"markers about {g1(middle([r.off_table for r in good]))} {unit} off their table (median of {len(good)} "
+            f"images): residuals are {np.hypot(excess, spot) / spot:.0f} times their spots' sigma",
+            "measure the markers (windmark reconstruct), or calibrate the lens",
+        )
+    ]  # fmt: skip
+
+
+def _bent(good: Sequence[PoseRow]) -> list[Finding]:
+    """A model that bends."""
+    bent = [r for r in good if r.bent_px > rules.PLACE_PX]
+    if not len(bent) > rules.SOME * len(good):
+        return []
+    far = max(r.bent_px for r in bent)
+    return [
+        Finding(
+            DOUBTFUL, "bent",
+            f"the model is bent in {len(bent)} of {len(good)} images (up to {g2(far)} px); its pose is that of a rigid "
+            "one", "measure the deformation (windmark deform)",
+        )
+    ]  # fmt: skip
+
+
+def _few(good: Sequence[PoseRow]) -> list[Finding]:
+    """Images that rest on few markers."""
+    few = [r for r in good if r.matched < rules.FEW]
+    if not len(few) > rules.SOME * len(good):
+        return []
+    words = f"{len(few)} of {len(good)} images rest on fewer than {rules.FEW} markers"
+    return [Finding(DOUBTFUL, "few", words, "paint more markers, or choose roles that are seen")]
+
+
+def _missing(good: Sequence[PoseRow]) -> list[Finding]:
+    """Images that lack markers which should be seen."""
+    gone = [r for r in good if r.matched < (1 - rules.MISSING) * r.expected]
+    if not len(gone) > rules.SOME * len(good):
+        return []
+    worst = min(gone, key=lambda r: r.matched / max(r.expected, 1))
+    return [
+        Finding(
+            DOUBTFUL, "missing",
+            f"{len(gone)} of {len(good)} images lack over a third of their markers; "
+            f"{worst.name}: {worst.matched} of {worst.expected}", "look at windmark detect on this image",
+        )
+    ]  # fmt: skip
