@@ -10,7 +10,8 @@ squares are W - W_b W_bb^-1 W_b^T and less by T: its places are unknowns then.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,6 +149,14 @@ class Test:
         self.ends = np.unique(np.concatenate([control.point, control.bar.ravel()]))
         self.cov = _joint(solved, self.ends) * solved.scale
 
+    def exchanged(self, a: int, b: int) -> Test:
+        """The same with two points in each other's place."""
+        point = self.control.point.copy()
+        point[[a, b]] = point[[b, a]]
+        other = copy(self)
+        other.control = replace(self.control, point=point)
+        return other
+
     def fit(self, used: Mask) -> Similarity:
         """The similarity from the network to the used control: of the points, else the scale of the distances."""
         control, points = self.control, self.solved.state.points
@@ -179,9 +188,12 @@ class Test:
 
     def without(self, seen: Seen, used: Mask, block: int) -> Seen:
         """The used blocks, those of ``seen`` but one: anew only where the similarity is another without it."""
+        return self.of(used) if self.turned(seen, used) else seen.without(block)
+
+    def turned(self, seen: Seen, used: Mask) -> bool:
+        """Whether the similarity of the used blocks is another than that of ``seen``."""
         old, new = seen.fit, self.fit(used)
-        turned = np.abs(new.rotation - old.rotation).max(), abs(new.scale / old.scale - 1)
-        return self.of(used) if max(turned) > LINEAR else seen.without(block)
+        return bool(max(np.abs(new.rotation - old.rotation).max(), abs(new.scale / old.scale - 1)) > LINEAR)
 
     def off(self, whole: Seen) -> float:
         """How far known points are off besides their sigmas, 1 sigma per coordinate in length units: what makes all

@@ -5,7 +5,7 @@ The test is that of `agreement`; here what of it is left out, one block (a point
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -107,11 +107,14 @@ def _with_exchanged(control: Control, solved: Solved, verdict: Verdict) -> Verdi
     some = np.union1d(worst, np.arange(0, len(control.point), groups))
     part, places = _part(control, some, slice(None)), np.searchsorted(some, worst)
     every = np.ones(len(part), dtype=np.bool_)
+    test = Test(part, solved, verdict.fit)
+    as_named = test.fit(every).rms
     pairs = []
     for a, b in combinations(places.tolist(), 2):
-        point = part.point.copy()
-        point[[a, b]] = point[[b, a]]
-        swapped = Test(replace(part, point=point), solved, verdict.fit).of(every)
+        other = test.exchanged(a, b)
+        if other.fit(every).rms > as_named:
+            continue  # they are farther from their places then
+        swapped = other.of(every)
         if _fits(swapped, swapped.blocks(), every):
             pairs.append((int(some[a]), int(some[b]), swapped.fit))
     if len(pairs) != 1:
@@ -157,7 +160,7 @@ def _judged(control: Control, solved: Solved, rough: Similarity) -> Verdict:
             return Verdict(test.fit(used), wrong)
         order = np.argsort(np.where(used & (blocks.dof > 0), blocks.p, 2.0), kind="stable")[:TRIED]
         tried = [int(b) for b in order if used[b] and blocks.dof[b]]
-        heals = [b for b in tried if _heals(test, seen, used, b)]
+        heals = [b for b in tried if _heals(test, seen, blocks, used, b)]
         if len(heals) > 1 and not wrong:
             return Verdict(test.fit(used), {}, tuple(sorted(heals)))
         # Several that could be wrong beside one that is: bad sigmas are the simpler explanation.
@@ -171,12 +174,17 @@ def _judged(control: Control, solved: Solved, rough: Similarity) -> Verdict:
         seen = test.without(seen, used, worst)
 
 
-def _heals(test: Test, seen: Seen, used: Mask, block: int) -> bool:
+def _heals(test: Test, seen: Seen, blocks: Blocks, used: Mask, block: int) -> bool:
     """Whether all others fit each other without one block, which may have turned the similarity away from them."""
     others = used.copy()
     others[block] = False
-    rest = test.without(seen, others, block)
-    return chance(rest.total, rest.free) and _fits(rest, rest.blocks(), others)
+    if test.turned(seen, others):
+        rest = test.of(others)
+    elif not chance(seen.total - float(blocks.value[block]), seen.free - int(blocks.dof[block])):
+        return False
+    else:
+        rest = seen.without(block)
+    return _fits(rest, rest.blocks(), others)
 
 
 def _fits(seen: Seen, blocks: Blocks, used: Mask) -> bool:
