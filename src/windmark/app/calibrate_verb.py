@@ -113,7 +113,8 @@ def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json:
         done, pictures = _solve(files, settings, match, clock)
         if isinstance(done, NotCalibrated):
             verdict = calibrate_verdict(done, files.unit, pictures)
-            console.refuse(_why(done), as_json, {**_refusal(done, pictures), "verdict": verdict.record()})
+            console.refuse(_why(done), as_json, {**_refusal(done, pictures), "verdict": verdict.record()},
+                           verdict.next_step)  # fmt: skip
             return
         against = None if known is None else compare(known, done.result)
         content = _write(out, files, done, pictures, against, match, clock)

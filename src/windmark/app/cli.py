@@ -16,7 +16,7 @@ import typer
 from windmark import compiling
 from windmark.app import console
 from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp, start, view
-from windmark.app.commands.grouped import App, written
+from windmark.app.commands.grouped import App, ranged, written
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -75,33 +75,31 @@ def simulate(
     seed: Seed = 1,
     deforming: Annotated[
         int | None,
-        typer.Option(min=3, help="A deformation test instead: so many frames of a bending wing by two cameras."),
+        ranged("A deformation test instead: so many frames of a bending wing by two cameras.", least=3),
     ] = None,
     infrared: Annotated[
         int | None,
-        typer.Option(
-            min=8, help="An infrared run instead: so many frames of a wing that moves and heats up, by two cameras."
-        ),
+        ranged("An infrared run instead: so many frames of a wing that moves and heats up, by two cameras.", least=8),
     ] = None,
     cameras: Annotated[
         int | None,
-        typer.Option(min=2, max=5, help="Several cameras instead (2-5), one picture each at one moment, to be merged."),
+        ranged("Several cameras instead (2-5), one picture each at one moment, to be merged.", least=2, most=5),
     ] = None,
     photos: Annotated[
         int | None,
-        typer.Option(min=2, help="Hand-held pictures of the model instead: so many, with a few known markers."),
+        ranged("Hand-held pictures of the model instead: so many, with a few known markers.", least=2),
     ] = None,
     psp: Annotated[
         int | None,
-        typer.Option(min=1, help="A paint test instead: a polar of so many incidences by two cameras, with taps."),
+        ranged("A paint test instead: a polar of so many incidences by two cameras, with taps.", least=1),
     ] = None,
     board: Annotated[
         int | None,
-        typer.Option(min=3, help="Pictures of a printed dot board instead: so many by each of two cameras."),
+        ranged("Pictures of a printed dot board instead: so many by each of two cameras.", least=3),
     ] = None,
     sequence: Annotated[
         int | None,
-        typer.Option(min=2, help="A film of the model instead: so many pictures while it swings."),
+        ranged("A film of the model instead: so many pictures while it swings.", least=2),
     ] = None,
     clocks: Annotated[
         bool, typer.Option("--clocks", help="With --deforming: cameras of different rates, a swinging wing.")

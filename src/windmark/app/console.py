@@ -296,25 +296,36 @@ def _natural(text: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]
 
 
-def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None) -> None:
-    """The data say no: print the reason, leave with exit code 1."""
+def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None, next_step: str = "") -> None:
+    """The data say no: print the reason, and what to do about it, leave with exit code 1."""
     if as_json:
         answer({**(record or {}), "error": reason}, True, [])
     complain(reason)
+    _advise(next_step)
     raise typer.Exit(DATA_SAY_NO)
 
 
 def _fail(message: str, code: int, as_json: bool, error: WindmarkError | None = None) -> None:
-    if as_json:
-        record: dict[str, Any] = {"error": message}
-        if error is not None:
-            from windmark.pipeline.verdict.errors import error_verdict
+    record: dict[str, Any] = {"error": message}
+    step = ""
+    if error is not None:
+        from windmark.pipeline.verdict.errors import error_verdict
 
-            record["verdict"] = error_verdict(error).record()
+        verdict = error_verdict(error)
+        record["verdict"] = verdict.record()
+        # That a file is to be corrected goes without saying.
+        step = verdict.next_step if verdict.cause != "file" else ""
+    if as_json:
         with suppress(OSError):  # what it is about counts more than that it cannot be printed
             typer.echo(_printable(json.dumps(record)))
     complain(message)
+    _advise(step)
     raise typer.Exit(code)
+
+
+def _advise(next_step: str) -> None:
+    if next_step:
+        typer.echo(_printable(f"  next: {next_step}"), err=True)
 
 
 def exit_with(code: int) -> typer.Exit:

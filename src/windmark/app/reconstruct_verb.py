@@ -138,7 +138,8 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
         result = replace(result, dropped={**result.dropped, **unread})
         if isinstance(result, NotReconstructed):
             verdict = reconstruct_verdict(result, files.unit, pictures)
-            console.refuse(_why(result), as_json, {**_refusal(result, pictures), "verdict": verdict.record()})
+            console.refuse(_why(result), as_json, {**_refusal(result, pictures), "verdict": verdict.record()},
+                           verdict.next_step)  # fmt: skip
             return
         if result.free_scale:
             files = replace(files, unit=FREE_UNIT)

@@ -17,7 +17,7 @@ from windmark.errors import UsageError
 from windmark.io.manifest import MANIFEST, read_manifest
 from windmark.pipeline.repeat import Difference, inputs_now, results_again
 from windmark.pipeline.settings import has_path
-from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict import DOUBTFUL, Finding, Verdict
 
 Record = dict[str, Any]
 TARGETS = ("output", "folder")
@@ -54,9 +54,11 @@ def verify(windmark: Any, folder: Path, keep: Path | None, as_json: bool) -> Non
     if refusal is not None and not manifest.get("refused"):
         console.refuse(f"the run that gave this result is refused now: {refusal}", as_json, _record(found, folder))
     stored = _stored_verdict(folder)
-    lines = _lines(found, folder, manifest, stored)
+    verdict = stored if found.repeated else compared(found)
+    lines = _lines(found, folder, manifest, verdict)
     if not found.repeated and as_json:
-        console.refuse("the result cannot be had again", True, _record(found, folder))
+        record = _record(found, folder)
+        console.refuse("the result cannot be had again", True, {**record, "verdict": compared(found).record()})
     console.answer(_record(found, folder), as_json, lines)
     if not found.repeated:
         raise console.exit_with(console.DATA_SAY_NO)
@@ -129,7 +131,23 @@ def _record(found: Difference, folder: Path) -> Record:
     return {"result": folder, "repeated": found.repeated, **vars(found)}
 
 
-def _lines(found: Difference, folder: Path, manifest: Record, stored: Verdict | None) -> list[str]:
+def compared(found: Difference) -> Verdict:
+    """The verdict on a result that is not had again: doubtful, by what is not as it was."""
+    inputs = [f"{name} {what}" for name, what in found.inputs.items()]
+    if inputs:
+        why, step = f"its input is another one: {inputs[0]}{_more(inputs)}", "run the job again, or take that file back"
+    elif found.touched:
+        why, step = f"it was changed or taken away since: {found.touched[0]}{_more(found.touched)}", "run the job again"
+    elif found.versions:
+        name, (then, now) = next(iter(found.versions.items()))
+        why = f"{name} was {then} and is {now} (see the numbers that differ)"
+        step = "run the job again, or with the versions of then"
+    else:
+        why, step = "the same inputs and versions give other numbers", "report it, with the result's folder"
+    return Verdict.of([Finding(DOUBTFUL, "file", f"the result cannot be had again: {why}", step)], 1, "", "")
+
+
+def _lines(found: Difference, folder: Path, manifest: Record, verdict: Verdict | None) -> list[str]:
     count = len(found.same)
     head = "the same again" if found.repeated else "NOT the same"
     lines = [f"{folder}: {head}: {count} files agree (windmark {manifest.get('verb')}, run again)"]
@@ -141,7 +159,7 @@ def _lines(found: Difference, folder: Path, manifest: Record, stored: Verdict | 
     if found.bytes_only:
         some = ", ".join(found.bytes_only[:4])
         lines.append(f"other bytes, numbers not compared: {some}{_more(found.bytes_only[3:])}")
-    return [*lines, *(verdict_lines(stored) if stored is not None else [])]
+    return [*lines, *(verdict_lines(verdict) if verdict is not None else [])]
 
 
 def _some(lines: list[str]) -> list[str]:

@@ -133,7 +133,7 @@ def detect_at(
     search_px : how far the predictions may be off along each axis, 0 to 64
     polarity, photometry : see `detect`
     blur_px : blur of the frame; None takes the given frame's, or else finds it from the markers that stand out
-    frame : `Guided.frame` of a frame before: its blur is taken, and its noise unless this frame's is another
+    frame : `Guided.frame` of a frame before: its blur and noise are taken unless this frame's are others
     colour : (M, 2, 2) `Guided.colour` of the same markers in a frame before, handed on with `frame`: it is taken
         instead of being computed, as it hardly changes within ten frames or so; where it is NaN it is computed
     fit_shape : all clear markers are fitted with ten unknowns
@@ -175,7 +175,9 @@ def detect_at(
         placed, found = search(scene, known, steps)
     fits = fit_markers(scene, placed, start, robust=False)  # weights would take a wrong shape for contamination
     if frame is not None and _outdated(fits):
-        start, placed = _learn(scene, placed, found, start, blur=False), replace(placed, colour=None)
+        start = _learn(scene, placed, found, start, blur=blur_px is None)
+        blurs = np.full_like(placed.blur, start.blur_px), np.full_like(placed.blur, start.blur_spread_px)
+        placed = replace(placed, colour=None, blur=blurs[0], blur_spread=blurs[1])
         fits = fit_markers(scene, placed, start, robust=False)
     verdict = judge(scene, request, placed, found, fits, steps, false_alarms)
     if reshape or fit_shape:
@@ -240,7 +242,7 @@ def _learn(scene: Scene, placed: Request, found: Array, start: Frame, *, blur: b
 
 
 def _outdated(fits: TemplateFits) -> bool:
-    """Whether the noise that was handed on is not this frame's (or shapes are wrong: then learning says the same)."""
+    """Whether noise or blur that were handed on are not this frame's (or shapes are wrong: learning tells the same)."""
     chi2 = fits.chi2[np.isfinite(fits.chi2) & (fits.depth > LEARN[0] * fits.depth_sigma)]
     return len(chi2) >= ENOUGH and not 1.0 / OUTDATED < median(chi2) < OUTDATED
 

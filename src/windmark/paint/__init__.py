@@ -2,7 +2,7 @@
 
 from windmark.paint.averaging import AveragedFrames, average_frames, enough
 from windmark.paint.axes import COEFFICIENTS, LoadReference
-from windmark.paint.cameras import CameraSeams, MergedCameras, merge_cameras
+from windmark.paint.cameras import CamerasApart, CameraSeams, MergedCameras, merge_cameras
 from windmark.paint.carry import Carried, carried, dominant, fewer_modes
 from windmark.paint.cell_fit import PaintFit, fit_paint
 from windmark.paint.cp import TunnelConditions, pressure_coefficient
@@ -39,8 +39,8 @@ from windmark.paint.temperature_paint import TemperaturePaint, fit_temperature_p
 from windmark.paint.walls import Layer, Wall
 
 __all__ = [
-    "AveragedFrames", "COEFFICIENTS", "CameraSeams", "Carried", "EmissivityTable", "FLAGS", "FilledField",
-    "FluxOperator", "FormFactors", "HeatFlux", "InSitu", "Intensity", "Inversion", "Layer", "Linearity",
+    "AveragedFrames", "COEFFICIENTS", "CameraSeams", "CamerasApart", "Carried", "EmissivityTable", "FLAGS",
+    "FilledField", "FluxOperator", "FormFactors", "HeatFlux", "InSitu", "Intensity", "Inversion", "Layer", "Linearity",
     "LoadReference", "Loads", "MOST_MODES", "MergedCameras", "NodeField", "NotFitted", "PIXEL_FLAGS", "PaintFit",
     "PhotonTransfer", "PlanckBand", "PolynomialRadiance", "PressureMap", "SECTION_LOADS", "SectionProfile",
     "SelfIllumination", "SensorModel", "SensorRadiance", "SpanLoading", "SternVolmer", "TemperaturePaint",

@@ -25,8 +25,28 @@ REGIONS = 12
 """Parts of an overlap, in the order of the nodes, that are taken as independent of each other."""
 CUT = 2.4
 """Nodes whose misfit is so many times the usual one count half (Cauchy's weight)."""
+FAR = 6.0
+"""Sigmas from which two values of a node contradict each other."""
 _MEDIAN = 0.4549364
 """Of chi-square with one degree of freedom."""
+
+
+@dataclass(frozen=True)
+class CamerasApart:
+    """How far two cameras are apart on the nodes that both see well.
+
+    Parameters
+    ----------
+    first, second : their names
+    typical : difference in stated sigmas (median over that of chance: 1 where sigmas are right); an error that one
+        camera has everywhere shows here, since no merging can take it out
+    beyond : part of the nodes that are over `FAR` sigmas apart, what cameras differ by everywhere being in the sigma
+    """
+
+    first: str
+    second: str
+    typical: float
+    beyond: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +63,7 @@ class MergedCameras:
     gain, gain_sigma : (C,) value = shown / gain; the gains' product is 1
     systematic : part of the value by which cameras differ beyond noise, one sigma of one camera; NaN with no overlap
     overlap : (C, C) nodes that two cameras both see well
+    apart : of each two cameras that see common nodes well
     """
 
     field: NodeField
@@ -54,6 +75,7 @@ class MergedCameras:
     gain_sigma: Array
     systematic: float
     overlap: NDArray[np.int64]
+    apart: tuple[CamerasApart, ...] = ()
 
     def __bool__(self) -> bool:
         return True
@@ -148,7 +170,8 @@ def merge_cameras(
     calibrated = tuple(f.applied(f.value / g, 1 / g) for f, g in zip(fields, factor, strict=True))
     value, variance = value / factor[:, None], variance / factor[:, None] ** 2
     systematic = _systematic(value, variance, well)
-    return _merged(calibrated, tuple(names), value, variance, taper, factor, cov, systematic, overlap)
+    apart = _apart(names, value, variance, well, systematic)
+    return _merged(calibrated, tuple(names), value, variance, taper, factor, cov, systematic, overlap, apart)
 
 
 def _checked(fields: Sequence[NodeField], names: Sequence[str], tapers: ArrayLike | None, gain: str) -> Array:
@@ -235,8 +258,27 @@ def _systematic(value: Array, variance: Array, well: Mask) -> float:
     return 0.5 * (low + high)
 
 
+def _apart(
+    names: Sequence[str], value: Array, variance: Array, well: Mask, systematic: float
+) -> tuple[CamerasApart, ...]:
+    """Each two cameras with common nodes; ``value``, ``variance`` (C, N) as calibrated."""
+    out = []
+    for a, b in combinations(range(len(value)), 2):
+        both = well[a] & well[b]
+        if both.sum() < LEAST:
+            continue
+        square, var = (value[a, both] - value[b, both]) ** 2, variance[a, both] + variance[b, both]
+        mean = 0.5 * (value[a, both] + value[b, both])
+        least = 1e-12 * mean**2
+        typical = float(np.sqrt(np.median(square / np.maximum(var, least)) / _MEDIAN))
+        far = square > FAR**2 * np.maximum(var + 2 * (systematic * mean) ** 2, least)
+        out.append(CamerasApart(names[a], names[b], typical, float(far.mean())))
+    return tuple(out)
+
+
 def _merged(fields: tuple[NodeField, ...], names: tuple[str, ...], value: Array, variance: Array, taper: Array,
-            factor: Array, cov: Array, systematic: float, overlap: NDArray[np.int64]) -> MergedCameras:  # fmt: skip
+            factor: Array, cov: Array, systematic: float, overlap: NDArray[np.int64],
+            apart: tuple[CamerasApart, ...]) -> MergedCameras:  # fmt: skip
     """The weighted mean with all its modes."""
     own = np.nan_to_num(systematic) * np.where(np.isfinite(value), value, 0.0)
     total = variance + own**2
@@ -254,4 +296,4 @@ def _merged(fields: tuple[NodeField, ...], names: tuple[str, ...], value: Array,
             out = out.with_mode(f"camera {name}", share[k] * own[k])
     source = np.where(seen, share.argmax(axis=0), -1).astype(np.int8)
     sigma = np.sqrt(np.maximum(np.diagonal(cov), 0.0))
-    return MergedCameras(out, names, fields, source, share, factor, sigma, systematic, overlap)
+    return MergedCameras(out, names, fields, source, share, factor, sigma, systematic, overlap, apart)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError, UsageError
+from windmark.scene.levels import clipped_level
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -160,7 +161,7 @@ def correct_picture(picture: ArrayLike, sensor: SensorModel, *, most_saturated: 
             raise DataError(f"{name}: {_size(np.shape(part))}; expected {_size(raw.shape)} as the picture")
     flags = np.zeros(raw.shape, np.uint8)
     flags[~np.isfinite(raw)] |= NOT_FINITE
-    flags[raw >= sensor.saturation] |= SATURATED
+    flags[raw >= min(sensor.saturation, clipped_level(np.asarray(picture)))] |= SATURATED
     if sensor.dead is not None:
         flags[sensor.dead] |= DEAD
     signal = raw - sensor.dark

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import written
+from windmark.app.commands.grouped import ranged, written
 from windmark.app.commands.matching_options import (
     ROLES_ALIGN,
     Mask,
@@ -63,7 +63,7 @@ def align(
     merit_max: MeritMax = MERIT_MAX.default,
     kind: Annotated[str, typer.Option(help="2D: auto, similarity, affine, projective, poly2, poly3, spline.")] = "auto",
     max_shift_px: Annotated[
-        float | None, typer.Option(help="2D: no marker has moved farther; tells regular layouts apart.")
+        float | None, ranged("2D: no marker has moved farther; tells regular layouts apart.", above=0.0)
     ] = None,
     matches: Annotated[
         Path | None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from windmark.app.commands.grouped import ADJUSTMENT, BOARD, DATUM, INPUT, LENS, MATCH, OUTPUT, told, written
+from windmark.app.commands.grouped import ADJUSTMENT, BOARD, DATUM, INPUT, LENS, MATCH, OUTPUT, ranged, told, written
 from windmark.options import calibration
 
 Texts = list[str] | None
@@ -68,9 +68,7 @@ Size = Annotated[
 ]
 Focal = Annotated[
     float | None,
-    typer.Option(
-        help="Rough focal length in pixels. [default: found; in pictures from 0.33 to 3 widths]", rich_help_panel=INPUT
-    ),
+    ranged("Rough focal length in pixels. [default: found; in pictures from 0.33 to 3 widths]", above=0.0, panel=INPUT),
 ]
 Lens = Annotated[
     str | None,
@@ -116,10 +114,11 @@ Against = Annotated[
 ]
 BoardPitch = Annotated[
     float | None,
-    typer.Option(
+    ranged(
+        "Pictures of a regular board of dots instead of --markers: from column to column, in --unit.",
         "--board",
-        help="Pictures of a regular board of dots instead of --markers: from column to column, in --unit.",
-        rich_help_panel=BOARD,
+        above=0.0,
+        panel=BOARD,
     ),
 ]
 BoardMarks = Annotated[

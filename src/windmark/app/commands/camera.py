@@ -11,7 +11,7 @@ from windmark.app import console
 from windmark.app.commands import calibrate as calibrate_command
 from windmark.app.commands import convert as convert_command
 from windmark.app.commands import reconstruct as reconstruct_command
-from windmark.app.commands.grouped import written
+from windmark.app.commands.grouped import ranged, written
 from windmark.app.commands.options import Json
 
 
@@ -38,7 +38,7 @@ def undistort(
         ),
     ] = "size",
     magnify: Annotated[
-        float | None, typer.Option(help="Also draw the images with so many times their distortion.")
+        float | None, ranged("Also draw the images with so many times their distortion.", above=0.0, most=1000.0)
     ] = None,
     field: Annotated[bool, typer.Option("--field", help="Also draw the distortion over the sensor.")] = False,
     picture: Annotated[

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
+from windmark.app.commands.grouped import ranged
 from windmark.app.commands.options import Json
 from windmark.errors import UsageError
 
@@ -55,7 +56,7 @@ def convert(
         str | None, typer.Option(help="Cameras: WIDTHxHEIGHT of the images, for files that do not say.")
     ] = None,
     pixel_mm: Annotated[
-        list[float] | None, typer.Option(help="Cameras: pitch of the pixels in mm, for Australis; twice for x and y.")
+        list[float] | None, ranged("Cameras: pitch of the pixels in mm, for Australis; twice for x and y.", above=0.0)
     ] = None,
     which: Annotated[
         str | None, typer.Option(help="Cameras: of a COLMAP model an image (with its pose) or a camera's number.")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import written
+from windmark.app.commands.grouped import ranged, written
 from windmark.app.commands.options import Finish, Json, Resume
 from windmark.errors import UsageError
 
@@ -34,8 +34,8 @@ def deform(
     watch: Annotated[
         Path | None, typer.Option(help="Live: a folder that the cameras' images appear in; Ctrl-C ends.")
     ] = None,
-    idle: Annotated[float | None, typer.Option(help="Live: end when nothing has come for so many seconds.")] = None,
-    frames: Annotated[int | None, typer.Option(help="Live: end after so many frames.")] = None,
+    idle: Annotated[float | None, ranged("Live: end when nothing has come for so many seconds.", above=0.0)] = None,
+    frames: Annotated[int | None, ranged("Live: end after so many frames.", least=1)] = None,
     resume: Resume = False,
     finish: Finish = False,
     as_json: Json = False,

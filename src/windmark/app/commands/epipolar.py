@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import written
+from windmark.app.commands.grouped import ranged, written
 from windmark.app.commands.matching_options import Mask
 from windmark.app.commands.options import Bayer, Channel, Json, MeritMax, OnePolarity, Radius, Seed
 from windmark.options.detection import BAYER, CHANNEL, MERIT_MAX, POLARITY
@@ -35,7 +35,7 @@ def epipolar(
     ] = None,
     sigma_px: Annotated[
         float | None,
-        typer.Option(help="1 sigma per coordinate of a spot, its own noise left out. [default: 0.1; no camera: 1]"),
+        ranged("1 sigma per coordinate of a spot, its own noise left out. [default: 0.1; no camera: 1]", above=0.0),
     ] = None,
     radius: Radius = None,
     polarity: OnePolarity = POLARITY.default,

@@ -24,7 +24,7 @@ OUTPUT = "Output"
 
 
 def told(option: Option[Any], *flags: str, panel: str | None = None) -> Any:
-    """An option of the table for an argument's annotation: its flags, its help, and the ends that it may reach.
+    """An option of the table for an argument's annotation: its flags, its help, and its range.
 
     Parameters
     ----------
@@ -32,8 +32,28 @@ def told(option: Option[Any], *flags: str, panel: str | None = None) -> Any:
     flags : in place of its own, such as those with a short form
     panel : heading in the help under which it stands
     """
-    ends: dict[str, Any] = {"min": option.least, "max": option.most if option.above is None else None}
-    return typer.Option(*(flags or (option.flags,)), help=option.sentence, rich_help_panel=panel, **ends)
+    return _option(option, *(flags or (option.flags,)), panel=panel)
+
+
+def ranged(
+    help_text: str, *flags: str, above: float | None = None, least: float | None = None, most: float | None = None,
+    panel: str | None = None,
+) -> Any:  # fmt: skip
+    """A number of one verb alone, with its range: > above, >= least, <= most."""
+    return _option(Option("", None, help_text, above=above, least=least, most=most), *flags, panel=panel)
+
+
+def _option(option: Option[Any], *flags: str, panel: str | None) -> Any:
+    """An option whose numbers are held against its range; what a text may be is said by whoever reads it."""
+
+    def checked(value: Any) -> Any:
+        for one in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(one, int | float) and not option.allows(one):
+                raise typer.BadParameter(f"expected {option.range}, not {one:g}")
+        return value
+
+    has_range = not option.choices and bool(option.range)
+    return typer.Option(*flags, help=option.sentence, rich_help_panel=panel, callback=checked if has_range else None)
 
 
 def written(help_text: str = "Folder of the results.") -> Any:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import LOOK, told, written
+from windmark.app.commands.grouped import LOOK, ranged, told, written
 from windmark.app.commands.matching_options import (
     Binding,
     Exclude,
@@ -165,9 +165,7 @@ def register(
     max_time: MaxTime = MAX_TIME_S.default,
     mask: Mask = None,
     seed: Seed = SEED.default,
-    output: Annotated[
-        Path | None, written("Folder of the results. [default: IMAGE-registration]")
-    ] = None,
+    output: Annotated[Path | None, written("Folder of the results. [default: IMAGE-registration]")] = None,
     as_json: Json = False,
 ) -> None:
     """Find which spot is which marker and where the camera was; no start pose is needed."""
@@ -213,14 +211,14 @@ def resect(
             " part, for the camera's pose is that of the model. Not with --volume.",
         ),
     ] = None,
-    output: Annotated[
-        Path | None, written("Folder of the results. [default: IMAGE-resection]")
-    ] = None,
+    output: Annotated[Path | None, written("Folder of the results. [default: IMAGE-resection]")] = None,
     nodes: Annotated[
         list[str] | None,
         typer.Option(help="Formats of the node values: vtk, tecplot, plot3d, csv, netcdf. [default: all]"),
     ] = None,
-    max_obliquity_deg: Annotated[float, typer.Option(help="Surface seen more obliquely than this gets no value.")] = 80,
+    max_obliquity_deg: Annotated[
+        float, ranged("Surface seen more obliquely than this gets no value.", above=0.0, most=90.0)
+    ] = 80,
     quantity: Quantity = None,
     quantity_unit: QuantityUnit = None,
     scale: Scale = 1.0,
@@ -279,11 +277,12 @@ def track(
     frames: Annotated[
         Path | None, typer.Option(help="Table image,frame: the number of every image where frames were dropped.")
     ] = None,
-    change_deg: Annotated[float, typer.Option(help="How much the rotation per frame changes from frame to frame.")] = (
-        0.3
-    ),
+    change_deg: Annotated[
+        float, ranged("How much the rotation per frame changes from frame to frame.", above=0.0, most=180.0)
+    ] = (0.3),
     change_percent: Annotated[
-        float, typer.Option(help="How much the shift per frame changes, in percent of the markers' distance.")
+        float,
+        ranged("How much the shift per frame changes, in percent of the markers' distance.", above=0.0, most=1000.0),
     ] = 0.3,
     max_time: MaxTime = MAX_TIME_S.default,
     seed: Seed = SEED.default,

@@ -18,7 +18,8 @@ FreeFocal = Annotated[bool, told(registration.FREE_FOCAL, panel=POSE)]
 Roles = Annotated[
     list[str] | None,
     typer.Option(
-        "--roles", help="Markers that take part: model, wall, primary, secondary; several times for several.",
+        "--roles",
+        help="Markers that take part: model, wall, primary, secondary; several times for several.",
         rich_help_panel=MATCH,
     ),
 ]
@@ -39,14 +40,16 @@ Mask = Annotated[
 Label = Annotated[
     list[str] | None,
     typer.Option(
-        "--label", help="NAME=x,y: the spot there (within 10 px) is this marker; several times for several.",
+        "--label",
+        help="NAME=x,y: the spot there (within 10 px) is this marker; several times for several.",
         rich_help_panel=MATCH,
     ),
 ]
 Exclude = Annotated[
     list[str] | None,
     typer.Option(
-        "--exclude", help="x,y: the spot there (within 10 px) takes no part; several times for several.",
+        "--exclude",
+        help="x,y: the spot there (within 10 px) takes no part; several times for several.",
         rich_help_panel=MATCH,
     ),
 ]

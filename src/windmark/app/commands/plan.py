@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import App, written
+from windmark.app.commands.grouped import App, ranged, written
 from windmark.app.commands.options import Json, Seed, Unit
 from windmark.errors import UsageError
 
@@ -33,13 +33,13 @@ def study(
         list[float] | None,
         typer.Option("--radius", "-r", help="Reference radius in pixels; give it several times. [default: 2 3 4 5]"),
     ] = None,
-    span_px: Annotated[float, typer.Option(help="Real radii lie so far below and above the reference radius.")] = 0.5,
-    steps: Annotated[int, typer.Option(help="Real radii per reference radius.")] = 11,
-    markers: Annotated[int, typer.Option(help="Random markers per real radius, rounded up to full rows.")] = 144,
-    max_tilt_deg: Annotated[float, typer.Option(help="Viewing angles are random from 0 to this.")] = 60,
-    blur_passes: Annotated[int, typer.Option(help="How often the image is averaged over 3 x 3 pixels.")] = 1,
-    noise_percent: Annotated[float, typer.Option(help="Noise (1 sigma) in percent of the markers' depth.")] = 3,
-    depth: Annotated[float, typer.Option(help="Depth of the markers in grey levels; images have whole ones.")] = 150,
+    span_px: Annotated[float, ranged("Real radii lie so far below and above the reference radius.", least=0.0)] = 0.5,
+    steps: Annotated[int, ranged("Real radii per reference radius.", least=1)] = 11,
+    markers: Annotated[int, ranged("Random markers per real radius, rounded up to full rows.", least=1)] = 144,
+    max_tilt_deg: Annotated[float, ranged("Viewing angles are random from 0 to this.", least=0.0, most=89.0)] = 60,
+    blur_passes: Annotated[int, ranged("How often the image is averaged over 3 x 3 pixels.", least=0)] = 1,
+    noise_percent: Annotated[float, ranged("Noise (1 sigma) in percent of the markers' depth.", least=0.0)] = 3,
+    depth: Annotated[float, ranged("Depth of the markers in grey levels; images have whole ones.", above=0.0)] = 150,
     method: Annotated[
         list[str] | None, typer.Option(help="Refinement of the centre; several times to compare. [default: all]")
     ] = None,
@@ -80,12 +80,18 @@ def markers_check(
             " best direction]"
         ),
     ] = None,
-    within: Annotated[float, typer.Option(help="Half angle of that region, degrees.")] = 40,
-    views: Annotated[int, typer.Option(help="Virtual views in the first round, all round, three per direction.")] = 360,
+    within: Annotated[float, ranged("Half angle of that region, degrees.", above=0.0, most=180.0)] = 40,
+    views: Annotated[
+        int, ranged("Virtual views in the first round, all round, three per direction.", least=24, most=100_000)
+    ] = 360,
     quick: Annotated[bool, typer.Option("--quick", help="120 views, whatever --views says.")] = False,
-    hidden: Annotated[float, typer.Option(help="Percent of the markers in view that are not detected.")] = 30,
-    false: Annotated[float, typer.Option("--false", help="False spots, percent of the markers in view.")] = 50,
-    noise_px: Annotated[float, typer.Option(help="1 sigma per coordinate of a spot.")] = 0.2,
+    hidden: Annotated[
+        float, ranged("Percent of the markers in view that are not detected.", least=0.0, most=95.0)
+    ] = 30,
+    false: Annotated[
+        float, ranged("False spots, percent of the markers in view.", "--false", least=0.0, most=1000.0)
+    ] = 50,
+    noise_px: Annotated[float, ranged("1 sigma per coordinate of a spot.", least=0.01, most=10.0)] = 0.2,
     advice: Annotated[
         bool, typer.Option("--advice/--no-advice", help="Look for markers to move or add where it is needed.")
     ] = True,
@@ -133,7 +139,7 @@ def laws(
             "[VOLUME/]LAW[:option=value;...]; several times."
         ),
     ] = None,
-    frames: Annotated[int, typer.Option(help="Compare on so many frames of the sequence, evenly spaced.")] = 8,
+    frames: Annotated[int, ranged("Compare on so many frames of the sequence, evenly spaced.", least=1)] = 8,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import written
+from windmark.app.commands.grouped import ranged, written
 from windmark.app.commands.matching_options import VolumeParts, label_places
 from windmark.app.commands.options import Json
 
@@ -56,10 +56,8 @@ def pov(
             "--label", help="NAME=x,y: this marker's spot. Three give every pose that shows them so, a fourth decides."
         ),
     ] = None,
-    sigma_px: Annotated[float, typer.Option(help="Of the spots of --label, per coordinate.")] = 0.1,
-    output: Annotated[
-        Path | None, written("Write the point of view as a camera file (see convert).")
-    ] = None,
+    sigma_px: Annotated[float, ranged("Of the spots of --label, per coordinate.", above=0.0)] = 0.1,
+    output: Annotated[Path | None, written("Write the point of view as a camera file (see convert).")] = None,
     picture: Annotated[
         Path | None, typer.Option(help="Draw the camera, the model's axes, the three angles and distances (PNG).")
     ] = None,

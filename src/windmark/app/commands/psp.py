@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import written
+from windmark.app.commands.grouped import ranged, written
 from windmark.app.commands.options import Json
 from windmark.errors import UsageError
 
@@ -50,11 +50,9 @@ def paint_calibrate(
     table: Annotated[
         Path, typer.Argument(help="Cell measurements, CSV: pressure_UNIT, temperature_UNIT, ratio (I_ref/I)[, sigma].")
     ],
-    output: Annotated[Path, written("The calibration, JSON; a picture goes beside it.")] = (
-        Path("paint.json")
-    ),
-    p_ref: Annotated[float, typer.Option(help="Pressure of I_ref, Pa.")] = 1e5,
-    t_ref: Annotated[float, typer.Option(help="Temperature of I_ref, K.")] = 293.15,
+    output: Annotated[Path, written("The calibration, JSON; a picture goes beside it.")] = (Path("paint.json")),
+    p_ref: Annotated[float, ranged("Pressure of I_ref, Pa.", above=0.0)] = 1e5,
+    t_ref: Annotated[float, ranged("Temperature of I_ref, K.", above=50.0)] = 293.15,
     order: Annotated[
         str | None, typer.Option(help="Powers of pressure and temperature: 2,1. [default: by cross-validation]")
     ] = None,

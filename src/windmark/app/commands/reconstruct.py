@@ -9,7 +9,7 @@ import typer
 
 from windmark.app import console
 from windmark.app.commands import calibrate_arguments as a
-from windmark.app.commands.grouped import written
+from windmark.app.commands.grouped import ranged, written
 from windmark.app.commands.matching_options import Mask
 from windmark.app.commands.options import Bayer, Channel, Json, MeritMax, OnePolarity, Radius, Seed
 from windmark.options.detection import BAYER, CHANNEL, MERIT_MAX, POLARITY
@@ -63,7 +63,7 @@ Pair = Annotated[
 ]
 ModelPx = Annotated[
     float,
-    typer.Option("--model-px", help="1 sigma that lens, light and JPEG add to the spots' own; calibrate measures it."),
+    ranged("1 sigma that lens, light and JPEG add to the spots' own; calibrate measures it.", "--model-px", least=0.0),
 ]
 Output = Annotated[Path, written("Folder of the results.")]
 

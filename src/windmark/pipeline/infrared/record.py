@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from windmark.paint import CamerasApart
 from windmark.pipeline.deform.followed import Followed
 
 NOTHING = Followed("")
@@ -27,6 +28,7 @@ class FrameRecord:
     median_T, median_sigma_T : kelvin, over the nodes
     median_q, median_sigma_q : W / m2, over the nodes with a heat flux; NaN without any
     flagged : part of these that LATE, LATERAL or CURVED is said of
+    apart : of each two cameras' temperatures, see `CamerasApart`
     causes : of "T" and "q" -> (cause, share of the variance), the largest first
     followed : what was said of the model's markers
     seconds : of the frame's temperatures
@@ -47,6 +49,7 @@ class FrameRecord:
     median_q: float = float("nan")
     median_sigma_q: float = float("nan")
     flagged: float = float("nan")
+    apart: tuple[CamerasApart, ...] = ()
     causes: Mapping[str, list[tuple[str, float]]] = field(default_factory=dict)
     followed: Followed = NOTHING
     seconds: float = 0.0

@@ -14,9 +14,13 @@ from windmark.paint.radiance import Radiance
 from windmark.pipeline.deform.frames import files_of
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared.project import CameraEntry, InfraredProject
+from windmark.pipeline.psp.stream import FROZEN_K
 from windmark.pipeline.psp.table import TEMPERATURE, temperatures
+from windmark.scene.levels import clipped_level
 from windmark.tasks.deform.task import Station
 
+MOST_DEAD = 0.1
+"""Part of a sensor's pixels that may have died."""
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -24,8 +28,6 @@ ODD = 2.0
 """Factor on the median response from which on, and below which, a pixel is dead."""
 HOT = 5.0
 """So many times the median scatter is no noise."""
-PLATEAU, STEP = 20, 5
-"""So many pixels at the picture's largest number, and so many times as many as one below, are a clipped picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,10 @@ def to_signal(entry: CameraEntry, radiance: Radiance, picture: NDArray[np.generi
     value = entry.offset + entry.scale * np.asarray(picture, dtype=float)
     if entry.quantity == "temperature":
         factor, offset = TEMPERATURE[entry.unit]
-        return np.asarray(_interpolated(radiance, value * factor + offset))
+        kelvin = value * factor + offset
+        # A pixel that has died says 0 or so, which is no temperature of any surface; where many do, it is the unit.
+        dead = kelvin <= FROZEN_K
+        return np.asarray(_interpolated(radiance, np.where(dead & (dead.mean() < MOST_DEAD), np.nan, kelvin)))
     return value
 
 
@@ -88,12 +93,7 @@ def _full(picture: NDArray[np.generic], saturation: float | None) -> Mask:
     """Saturated pixels: by the project's number, or because many are clipped at the largest one."""
     if saturation is not None:
         return np.asarray(picture >= saturation)  # type: ignore[operator]
-    if picture.dtype.kind not in "ui":
-        return np.zeros(picture.shape, bool)
-    top = int(picture.max())
-    count, below = int((picture == top).sum()), int((picture == top - 1).sum())
-    clipped = count >= PLATEAU and count > STEP * below
-    return np.asarray(picture == top) if clipped else np.zeros(picture.shape, bool)
+    return np.asarray(picture >= clipped_level(picture))  # type: ignore[operator]
 
 
 def read_sensor(project: InfraredProject, index: int, station: Station) -> ThermalSensor:

@@ -65,7 +65,8 @@ class RadiometryEntry(Strict):
     ``linearity``: CSV ``level,light``, both rising: what levels less dark stand for, where that is not in proportion.
 
     ``black``: the grey level without light, where there are no dark pictures. ``saturation``: levels from which on a
-    pixel is not used; ``max_saturated``: part of the model's pixels that may be, before the picture is refused.
+    pixel is not used, nor is it where a picture's levels pile up below that; ``max_saturated``: part of the model's
+    pixels that may be so, before the picture is refused.
     ``gain``: photo-electrons per grey level, and ``read_noise``: of reading a pixel, in grey levels (1 sigma); without
     them the pictures themselves say both. ``lamp_flicker``: relative standard deviation of the lamps from picture to
     picture; without it pictures of the same state say it, where there are several.

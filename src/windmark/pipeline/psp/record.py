@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.paint import COEFFICIENTS, InSitu, dominant
+from windmark.paint import COEFFICIENTS, CamerasApart, InSitu, dominant
 from windmark.pipeline.alike import alike
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.psp.point import PointOutcome
@@ -52,6 +52,7 @@ class PointRecord:
     seen : part of the grid's nodes with a Cp
     median_sigma_cp : over these
     flicker, systematic : of the lamps (NaN: nothing says it), and by which cameras differ, see `MergedRatio`
+    apart : of each two cameras, see `CamerasApart`
     fit : figures of the fit to the taps, empty without one
     loads : volume -> coefficient -> value and sigma
     shown : volume -> part of its area that is on a side that cameras show: loads are those of this part
@@ -81,6 +82,7 @@ class PointRecord:
     taps: TapTable | None = None
     sections: tuple[SectionRecord, ...] = ()
     followed: tuple[Followed, ...] = ()
+    apart: tuple[CamerasApart, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -114,7 +116,7 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         _fit(reduced.in_situ), loads, shown_areas(reduced.mesh, known), causes,
         reduced.taps,
         tuple(_section(s, reduced.taps) for s in reduced.sections),
-        (*done.on.followed, *done.off.followed),
+        (*done.on.followed, *done.off.followed), reduced.merged.apart,
         dict(done.seconds),
     )  # fmt: skip
 

@@ -9,6 +9,7 @@ import numpy as np
 from windmark.errors import g2
 from windmark.pipeline.infrared import FrameRecord
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
@@ -55,6 +56,8 @@ def infrared_verdict(records: Sequence[FrameRecord], remarks: Sequence[str] = ()
                 "a shorter test, or the wall's true layers",
             )
         )
+    step = "check each camera's black bodies, emissivity and shutter (NUC)"
+    found += apart_findings([r.apart for r in good], "temperatures of", step, "dirt", "frames")
     if remarks:
         found.append(Finding(DOUBTFUL, "noise", remarks[0], "see the remark"))
     return Verdict.of(

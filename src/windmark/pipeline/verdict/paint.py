@@ -11,6 +11,7 @@ from windmark.errors import g2, g3
 from windmark.pipeline.likely_unit import model_box
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
@@ -50,11 +51,16 @@ def psp_verdict(
         found,
         len(records),
         f"{len(good)} points reduced, Cp to {g2(sigma)} (median, 1 sigma)"
-        + ("" if any(r.fit for r in good) else "; no tap checks their level")
+        + ("" if any(r.fit or _compared(r) for r in good) else "; no tap checks their level")
         + (f"; loads are of the {100 * shown:.0f} % of the area that cameras show" if shown < 1 else ""),
         "use loads and Cp with their sigmas; causes say what to improve",
         what="points",
     )
+
+
+def _compared(r: PointRecord) -> bool:
+    """Whether taps say how far the paint is off."""
+    return r.taps is not None and bool(r.taps.counting.any())
 
 
 def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
@@ -79,6 +85,10 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
     if r.taps is not None and r.taps.unfitted:
         words = f"the pressure is that of the calibration alone, not fitted to the taps: {r.taps.unfitted}"
         yield Finding(DOUBTFUL, "taps", words, "correct the readings' unit or the taps' table")
+    if r.taps is not None and not r.fit and r.taps.typical > rules.APART:
+        words = f"taps and paint, which is not fitted to them, differ by {g2(r.taps.rms)} in Cp (RMS), "
+        step = 'see lamps, exposure and wind-off pictures; or fit the pressure to the taps (in_situ = "offset-slope")'
+        yield Finding(DOUBTFUL, "taps", f"{words}{g2(r.taps.typical)} times their sigmas", step)
     if r.fit and r.fit["scatter_Pa"] > r.fit.get("noise_Pa", np.inf):  # more than half of it is no noise
         yield Finding(
             DOUBTFUL,
@@ -102,13 +112,9 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
 
 def _light(r: PointRecord) -> Iterator[Finding]:
     """What cameras and lamps leave open."""
-    if r.systematic > 3 * r.median_sigma_cp and np.isfinite(r.systematic):
-        yield Finding(
-            DOUBTFUL,
-            "taps",
-            f"cameras differ by {g2(r.systematic)}, three times the sigma of Cp",
-            "check dark pictures and lamps of each camera",
-        )
+    yield from apart_findings(
+        [r.apart], "ratios of", "check dark pictures, exposure and lamps of each camera", "oil or dirt"
+    )
     # A fit to the taps takes out what is the same part for all nodes; an offset alone leaves it in the slope.
     if np.isnan(r.flicker) and not r.fit.get("slope_free"):
         yield Finding(

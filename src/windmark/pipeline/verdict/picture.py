@@ -14,6 +14,7 @@ from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 from windmark.scene import Detections
+from windmark.scene.levels import clipped_level
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,8 @@ def _saturated(grey: NDArray[np.generic]) -> tuple[float, float]:
     """Part of the pixels at the highest level and this level; 0 where the picture is not clipped there."""
     if grey.dtype.kind not in "ui" or not grey.size:
         return 0.0, np.nan
-    top = int(grey.max())
-    at, below = int((grey == top).sum()), int((grey == top - 1).sum())
-    clipped = at > rules.PLATEAU * max(below, 1) and top > 0
-    return (at / grey.size if clipped else 0.0), float(top)
+    top = float(grey.max())
+    return (float((grey == top).mean()) if clipped_level(grey) == top else 0.0), top
 
 
 def picture_findings(state: PictureState) -> list[Finding]:

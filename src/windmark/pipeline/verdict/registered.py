@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import g1, g2
-from windmark.geometry import PARAMETERS, Pose
+from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.lens import other_interior
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.registration import NotRegistered, Registration
 from windmark.registration.task import MIN_COUNT
@@ -43,7 +44,6 @@ EXCHANGED = "are exchanged: where cam_from_rig has the other"
 """Words of a refusal for two cameras of which each has the other's pictures or place."""
 FOCAL = "the given focal length of"
 """Words of a refusal for a camera whose focal length is at fault."""
-LENS = ("k1", "k2", "p1", "p2")
 
 
 @dataclass(frozen=True)
@@ -154,67 +154,35 @@ def _odd_markers(seen: Sighting, answer: Registration) -> list[Finding]:
 
 
 def _misfit(seen: Sighting, answer: Registration) -> list[Finding]:
-    """Residuals beyond the noise: the pattern of a lens, or markers that are off their table."""
-    spot = float(np.sqrt(np.median(np.trace(_cov(seen, answer), axis1=1, axis2=2) / 2)))
-    if answer.excess_px < max(rules.PLACE_PX, rules.NOISE_TIMES * spot):
+    """Residuals beyond the noise: the pattern of another lens, or markers that are off their table."""
+    spot = spot_px(answer, seen.spots)
+    if answer.excess_px < rules.NOISE_TIMES * spot:
         return []
-    times = f"{np.hypot(answer.excess_px, spot) / spot:.0f} times their spots' sigma of {g2(spot)} px"
-    if (lead := lens_lead(answer)) > rules.LENS_NATS:
+    each = float(np.hypot(answer.excess_px, spot))
+    times = f"{each / spot:.0f} times their spots' sigma of {g2(spot)} px"
+    residuals = f"residuals of {g2(each)} px per coordinate, {times}"
+    other = other_interior(answer, spot)
+    # What moves the surface by less than `PLACE_PX` matters where it moves the camera by more than is stated.
+    told = other.lead > rules.LENS_NATS
+    if told and (answer.excess_px >= rules.PLACE_PX or other.sigmas > rules.CAMERA_SIGMAS):
+        there = f"; with one that fits the camera stands {g1(other.shift)} {seen.unit} elsewhere"
+        times = f", {g2(other.sigmas)} of its sigmas" if other.sigmas > 1 else ""
         return [
             Finding(
-                DOUBTFUL,
-                "lens",
-                f"residuals of {g2(answer.rms_px)} px RMS, {times}, have the pattern of a lens "
-                f"({lead:.0f} nats ahead of "
-                "scattered markers)",
-                "calibrate the lens (windmark calibrate), and check that the camera file is this camera's",
+                DOUBTFUL, "lens",
+                f"{residuals}, have the pattern of another lens, focal length or principal point "
+                f"({other.lead:.0f} nats ahead of scattered markers){there}{times}",
+                "calibrate the camera (windmark calibrate), and check that the file is this camera's",
             )
-        ]
+        ]  # fmt: skip
+    if answer.excess_px < rules.PLACE_PX:
+        return []
     return [
         Finding(
-            DOUBTFUL,
-            "table",
-            f"markers about {g1(answer.off_table)} {seen.unit} off their table: residuals of "
-            f"{g2(answer.rms_px)} px "
-            f"RMS are {times}",
+            DOUBTFUL, "table", f"markers about {g1(answer.off_table)} {seen.unit} off their table: {residuals}",
             "measure the markers (windmark reconstruct or calibrate), or give their sigma in the table",
         )
-    ]
-
-
-def lens_lead(answer: Registration) -> float:
-    """How many nats a wrong lens is ahead of scattered markers in explaining the residuals.
-
-    Both are evidences: the scatter's size is what the residuals make of it, distortions (k1, k2, p1, p2) have a prior,
-    `rules.LENS_EDGE` at the corner of the picture. The pose's own columns are taken out first.
-    """
-    cam, k = answer.camera, len(answer.matching)
-    if 2 * k < 6 + 2 * len(LENS):
-        return 0.0
-    xyz = answer.cam_from_model.apply(answer.matched_xyz)
-    _, _, by_xyz, by_camera = cam.project_jacobian(xyz)
-    lens = by_camera[..., [PARAMETERS.index(p) for p in LENS]].reshape(2 * k, len(LENS)) * _lens_prior(answer)
-    pose = np.concatenate([by_xyz @ -hat(xyz), by_xyz], axis=-1).reshape(2 * k, 6)
-    q = np.linalg.qr(pose / np.linalg.norm(pose, axis=0), mode="complete")[0][:, 6:]
-    r, b = q.T @ answer.residuals.reshape(2 * k), q.T @ lens
-    left, size, _ = np.linalg.svd(b)
-    power = (left.T @ r) ** 2
-    lens_variance = np.concatenate([size**2, np.zeros(len(power) - len(size))])
-
-    def evidence(lens_part: float) -> float:
-        scatter = float(power.mean()) * np.geomspace(1e-3, 2.0, 200)[:, None]
-        variance = scatter + lens_part * lens_variance
-        return float((-0.5 * (power / variance + np.log(variance)).sum(axis=1)).max())
-
-    return evidence(1.0) - evidence(0.0)
-
-
-def _lens_prior(answer: Registration) -> Array:
-    """1 sigma of k1, k2, p1, p2 that shift the corner of the picture by `rules.LENS_EDGE` of its distance."""
-    cam = answer.camera
-    far = np.hypot(*(np.array(cam.size_px) / 2)) / cam.focal_px
-    edge = rules.LENS_EDGE
-    return np.array([edge / far**2, edge / far**4, edge / (3 * far), edge / (3 * far)])
+    ]  # fmt: skip
 
 
 def _moved(seen: Sighting, answer: Registration) -> list[Finding]:
@@ -321,8 +289,16 @@ def _projected_sigma(answer: Registration, xyz: Array) -> Array:
     return np.sqrt(np.einsum("nij,jk,nik->n", by_pose, cov, by_pose) / 2)
 
 
-def _cov(seen: Sighting, answer: Registration) -> Array:
-    return seen.spots.cov[answer.matching.detection]
+def spot_px(answer: Registration, spots: Detections) -> float:
+    """1 sigma per coordinate of the matched spots, of the middle one."""
+    return float(np.sqrt(np.median(np.trace(spots.cov[answer.matching.detection], axis1=1, axis2=2) / 2)))
+
+
+def what_is_left(rms_px: float, beyond_px: float) -> str:
+    """Residuals that are not doubted, in words; ``beyond_px``: the part of them that is no noise, 0 for none."""
+    if not beyond_px:
+        return f"residuals of {g2(rms_px)} px RMS are the spots' noise"
+    return f"residuals of {g2(rms_px)} px RMS ({g2(beyond_px)} px per coordinate of it table and lens, not noise)"
 
 
 def _unit_per_px(answer: Registration) -> float:

@@ -15,8 +15,6 @@ SHARP_PX = 0.7
 """Blur (1 sigma) of a sharp picture: that of a good lens and a pixel."""
 SATURATED = 0.005
 """Part of the pixels, or of the nodes with a value, at the highest level of an integer picture."""
-PLATEAU = 5
-"""As many times more pixels at the highest level than one below make it a clipped picture."""
 MISSING = 1 / 3
 """Part of the markers that must be in view, from which missing ones are no accident."""
 FEW = 6
@@ -29,6 +27,10 @@ LENS_NATS = 6.0
 """Lead of a lens over scattered markers in explaining the residuals."""
 LENS_EDGE = 0.003
 """1 sigma of a lens that was calibrated elsewhere: shift of the picture's corner over its distance from the centre."""
+FOCAL_OFF = 0.01
+"""1 sigma of the focal length (as part of itself) and of the principal point (of the picture's width) of that lens."""
+CAMERA_SIGMAS = 3.0
+"""Stated sigmas (root mean square over the pose) by which another interior must move the camera to be said."""
 LEFT_OUT = 0.1
 """Part of the marks of a network, or of its pictures where that is more than one, that were left out."""
 HALVES = 2.0
@@ -43,6 +45,10 @@ LOST = 0.02
 """Part of frames or points without a result that is no accident."""
 SOME = 0.1
 """Part of the frames in which something must be found before it is said of the whole."""
+APART = 6.0
+"""Typical difference of two cameras in their stated sigmas: an error of four sigmas that one of them has everywhere."""
+CONTRADICTED = 0.01
+"""Part of the nodes that two cameras see on which they contradict each other."""
 COVERED = 0.5
 """Part of the surface's nodes that a reduction is of."""
 WIND_OFF, WIND_OFF_SIGMAS = 0.2, 6.0

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from windmark.errors import g2, g3
+from windmark.errors import g3
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
-from windmark.pipeline.verdict.registered import Sighting, registered_findings
+from windmark.pipeline.verdict.registered import Sighting, registered_findings, spot_px, what_is_left
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.resection import NotMerged
 from windmark.scene import MarkerSet, Mesh
@@ -51,13 +52,22 @@ def _good(result: RunResult) -> tuple[str, str]:
             "look at the grid over the picture",
         )
     worst = max(a.rms_px for a in answers)
+    beyond = max(_beyond(i) for i in result.images)
     fewest = min(len(a.matching) for a in answers)
     what = "the image" if len(answers) == 1 else "both images" if len(answers) == 2 else f"all {len(answers)} images"
     return (
-        f"{what} registered with {fewest} markers{' or more' if len(answers) > 1 else ''}, residuals of {g2(worst)} px "
-        "RMS are the spots' noise",
+        f"{what} registered with {fewest} markers{' or more' if len(answers) > 1 else ''}, "
+        f"{what_is_left(worst, beyond)}",
         "use the values; the report says what these pictures could not check",
     )
+
+
+def _beyond(item: ImageResult) -> float:
+    """What an image's residuals ask for beyond the noise, per coordinate; 0 where that is the smaller part of them."""
+    answer, spots = item.registered, item.detections
+    if answer is None or spots is None or not len(answer.matching):
+        return 0.0
+    return answer.excess_px if answer.excess_px > rules.NOISE_TIMES * spot_px(answer, spots) else 0.0
 
 
 def _image(item: ImageResult, result: RunResult) -> list[Finding]:

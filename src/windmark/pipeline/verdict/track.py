@@ -10,6 +10,7 @@ from windmark.errors import g1, g2
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.picture import series_blur
+from windmark.pipeline.verdict.registered import what_is_left
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding, Verdict
 
@@ -26,11 +27,12 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
     found += [*_off_table(good, unit), *_bent(good)]
     found += series_blur(("", r.blur_px, r.radius_px) for r in good)
     found += [*_few(good), *_missing(good)]
-    rms = middle([r.rms_px for r in good])
+    rms, excess, spot = (middle([getattr(r, k) for r in good]) for k in ("rms_px", "excess_px", "spot_px"))
+    beyond = excess if excess > rules.NOISE_TIMES * spot else 0.0
     return Verdict.of(
         found,
         1,
-        f"all {len(good)} images have a pose, residuals of {g2(rms)} px RMS are the spots' noise",
+        f"all {len(good)} images have a pose, {what_is_left(rms, beyond)}",
         "use poses.csv",
     )
 

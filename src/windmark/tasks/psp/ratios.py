@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import DataError
-from windmark.paint import NodeField, NotFitted, enough, form_ratio, merge_cameras
+from windmark.paint import CamerasApart, NodeField, NotFitted, enough, form_ratio, merge_cameras
 from windmark.tasks.psp.bends import bend_of_ratio
 from windmark.tasks.psp.lamps import Lamp
 from windmark.tasks.psp.levels import BadPicture, Level, Reference, levels_of, together
@@ -54,6 +54,7 @@ class MergedRatio:
     flicker : relative standard deviation of the lamps from picture to picture that counts, see `ratio_of`; NaN where
         nothing says it, and no sigma has it
     left_out : picture -> why it does not count
+    apart : of each two cameras, see `CamerasApart`
     self_lit : what taking off the light that the model throws on itself changed; None where that was not asked for
     """
 
@@ -64,6 +65,7 @@ class MergedRatio:
     flicker: float
     left_out: Mapping[str, str] = field(default_factory=dict)
     self_lit: Change | None = None
+    apart: tuple[CamerasApart, ...] = ()
 
 
 def ratio_of(
@@ -142,7 +144,7 @@ def ratio_of(
         lights = {kind: {name: _as_it_left(fields[kind][name], levels[kind][name].lamps) for name in names}
                   for kind in levels}  # fmt: skip
         ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
-    return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change)
+    return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change, merged.apart)
 
 
 def _as_parts(off: Sequence[ModelPicture] | Iterable[Reference]) -> Iterable[Reference]:

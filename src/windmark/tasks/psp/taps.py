@@ -38,6 +38,10 @@ class Readings:
     sigma: Array
 
 
+MEDIAN = 0.6745
+"""Of the absolute value of a normal variable."""
+
+
 @dataclass(frozen=True, eq=False)
 class TapTable:
     """Paint against taps: (N,) each, NaN where the paint has no value.
@@ -62,8 +66,20 @@ class TapTable:
     @property
     def rms(self) -> float:
         """Root mean square difference in Cp of the taps that count; NaN without any."""
-        good = np.array([not w for w in self.words], bool) & np.isfinite(self.paint)
+        good = self.counting
         return float(np.sqrt(np.mean((self.paint - self.cp)[good] ** 2))) if good.any() else float("nan")
+
+    @property
+    def typical(self) -> float:
+        """Typical difference of these in sigmas (median over that of chance: 1 where sigmas are right); NaN without."""
+        good = self.counting
+        z = np.abs(self.paint - self.cp)[good] / np.hypot(self.paint_sigma, self.cp_sigma)[good]
+        return float(np.median(z)) / MEDIAN if good.any() else float("nan")
+
+    @property
+    def counting(self) -> Mask:
+        """(N,) taps that count and at which the paint has a value."""
+        return np.array([not w for w in self.words], bool) & np.isfinite(self.paint)
 
 
 def at_taps(

@@ -1,0 +1,81 @@
+"""Would another lens, focal length or principal point explain the residuals of an image, and where would it stand?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import PARAMETERS
+from windmark.geometry.rotations import hat
+from windmark.pipeline.verdict import rules
+from windmark.registration import Registration
+
+Array = NDArray[np.float64]
+
+INTERIOR = ("k1", "k2", "p1", "p2", "focal_px", "cx", "cy")
+
+
+@dataclass(frozen=True)
+class OtherInterior:
+    """What another interior of the camera would do.
+
+    Parameters
+    ----------
+    lead : nats that it is ahead of scattered markers in explaining the residuals
+    shift : how far from the place that was found the camera would stand then, in the length unit
+    sigmas : root mean square change of the pose's six numbers in their stated sigmas
+    """
+
+    lead: float = 0.0
+    shift: float = 0.0
+    sigmas: float = 0.0
+
+
+def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
+    """Judge it to first order, ``spot_px`` being the spots' own noise (1 sigma per coordinate).
+
+    Both explanations are evidences: the scatter's size is what the residuals make of it, the interior has a prior
+    (`_prior`). The pose's own columns are taken out first.
+    """
+    cam, k = answer.camera, len(answer.matching)
+    if 2 * k < 6 + 2 * len(INTERIOR):
+        return OtherInterior()
+    xyz = answer.cam_from_model.apply(answer.matched_xyz)
+    _, _, by_xyz, by_camera = cam.project_jacobian(xyz)
+    columns = [PARAMETERS.index(p) for p in INTERIOR]
+    inner = by_camera[..., columns].reshape(2 * k, len(INTERIOR)) * _prior(answer)
+    pose = np.concatenate([by_xyz @ -hat(xyz), by_xyz], axis=-1).reshape(2 * k, 6)
+    size = np.linalg.norm(pose, axis=0)
+    basis, upper = np.linalg.qr(pose / size, mode="complete")
+    r = -answer.residuals.reshape(2 * k)  # observed - projected
+    free, b = basis[:, 6:].T @ r, basis[:, 6:].T @ inner
+    left, value, right = np.linalg.svd(b)
+    power = (left.T @ free) ** 2
+    variance = np.concatenate([value**2, np.zeros(len(power) - len(value))])
+
+    def evidence(part: float) -> float:
+        scatter = float(power.mean()) * np.geomspace(1e-3, 2.0, 200)[:, None]
+        whole = scatter + part * variance
+        return float((-0.5 * (power / whole + np.log(whole)).sum(axis=1)).max())
+
+    # The likeliest interior in units of its prior; the pose gives way to it where both move the image alike.
+    change = right.T @ (value / (value**2 + spot_px**2) * (left.T @ free)[: len(value)])
+    step = -np.linalg.solve(upper[:6], basis[:, :6].T @ (inner @ change)) / size
+    root = np.linalg.cholesky(answer.cov[:6, :6])
+    sigmas = float(np.sqrt((np.linalg.solve(root, step) ** 2).mean()))
+    return OtherInterior(evidence(1.0) - evidence(0.0), float(np.linalg.norm(step[3:])), sigmas)
+
+
+def _prior(answer: Registration) -> Array:
+    """1 sigma of `INTERIOR` of a camera that was calibrated on another day.
+
+    k1, k2, p1, p2 shift the corner of the picture by `rules.LENS_EDGE` of its distance; focal length and principal
+    point are off by `rules.FOCAL_OFF` of themselves and of the picture's width.
+    """
+    cam = answer.camera
+    far = np.hypot(*(np.array(cam.size_px) / 2)) / cam.focal_px
+    edge, part = rules.LENS_EDGE, rules.FOCAL_OFF
+    lens = (edge / far**2, edge / far**4, edge / (3 * far), edge / (3 * far))
+    return np.array([*lens, part * cam.focal_px, part * cam.size_px[0], part * cam.size_px[0]])
