@@ -23,7 +23,7 @@ def test_a_number_that_is_too_small_is_refused_by_its_option(option, windmark, t
     write, least = LEAST[option]
     done = windmark("simulate", tmp_path / "s", option, least - 1)
     assert done.code == 2
-    assert f"'{option}': Input should be greater than or equal to {least}" in done.err
+    assert f"'{option}': expected >= {least}" in done.err
     with pytest.raises(UsageError, match=f"expected (at least )?{least}"):
         write(tmp_path / "s", 1, least - 1)
     assert not list(tmp_path.glob("s/*"))
@@ -32,7 +32,7 @@ def test_a_number_that_is_too_small_is_refused_by_its_option(option, windmark, t
 def test_more_cameras_than_there_are_places_for(windmark, tmp_path):
     done = windmark("simulate", tmp_path / "s", "--cameras", 6)
     assert done.code == 2
-    assert "'--cameras': Input should be less than or equal to 5" in done.err
+    assert "'--cameras': expected >= 2 and <= 5, not 6" in done.err
     with pytest.raises(UsageError, match="cameras: expected 2 to 5, got 6"):
         simulate_cameras(tmp_path / "s", 1, 6)
 
@@ -41,4 +41,21 @@ def test_more_cameras_than_there_are_places_for(windmark, tmp_path):
 def test_seeds_are_not_negative(verb, windmark, tmp_path):
     done = windmark(verb, tmp_path / "s", "--seed", -1)
     assert done.code == 2
-    assert "'--seed': Input should be greater than or equal to 0" in done.err
+    assert "'--seed': expected >= 0, not -1" in done.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["deform", "x.toml", "--watch", ".", "--idle", "nan"], "'--idle': expected > 0, not nan"),
+        (["calibrate", "x.csv", "--unit", "mm", "--max-sigma0", "0"], "'--max-sigma0': expected > 0, not 0"),
+        (["undistort", "x.tif", "-c", "c.json", "--magnify", "-1"], "'--magnify': expected > 0 and <= 1000, not -1"),
+        (["paint-calibrate", "x.csv", "--t-ref", "20"], "'--t-ref': expected > 50, not 20"),
+        (["detect", "x.tif", "-r", "3", "-r", "-1"], "'--radius' / '-r': expected >= 1, not -1"),
+        (["markers", "check", "x.csv", "--unit", "mm", "--within", "0"], "'--within': expected > 0 and <= 180, not 0"),
+    ],
+)
+def test_numbers_beyond_their_range_are_refused_by_their_option_before_any_file_is_read(words, said, windmark):
+    done = windmark(*words)
+    assert done.code == 2
+    assert said in done.err

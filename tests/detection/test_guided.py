@@ -162,6 +162,24 @@ def test_blur_is_learnt_and_handed_on_and_shape_is_fitted_on_demand():
     assert np.isfinite(second.detections.radius_px).all()
 
 
+def test_blur_that_changes_is_learnt_anew():
+    """A lens that goes out of focus during a run: what was handed on is another frame's."""
+    image, xy, rng = field(8, noise=1.0)
+    first = wm.detect_at(image, xy, radius_px=3.0)
+    soft = np.full_like(image, 120.0)
+    draw_at(soft, xy, (3.0, 3.0), blur=2.2)
+    soft += rng.normal(0, 1.0, soft.shape)
+    second = wm.detect_at(soft, xy, radius_px=3.0, search_px=1, frame=first.frame)
+    fresh = wm.detect_at(soft, xy, radius_px=3.0, search_px=1)
+    assert first.frame.blur_px < 0.9
+    assert second.frame.blur_px == pytest.approx(fresh.frame.blur_px, abs=0.4)  # from where the old blur found them
+    assert second.frame.blur_px > 1.5
+    assert second.found.all()
+    assert np.std((second.xy - xy) / np.sqrt(np.diagonal(second.cov, axis1=1, axis2=2))) < 1.3
+    held = wm.detect_at(soft, xy, radius_px=3.0, search_px=1, frame=first.frame, blur_px=BLUR)
+    assert held.frame.blur_px == BLUR  # said by the caller
+
+
 def test_bright_markers_in_infrared():
     image, xy, rng = field(9)
     got = wm.detect_at(300.0 - image, xy + rng.uniform(-2, 2, xy.shape), radius_px=3.0, polarity="bright", blur_px=BLUR)

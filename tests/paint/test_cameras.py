@@ -62,11 +62,27 @@ def test_what_no_gain_explains_is_found_and_is_shared():
     assert np.mean(np.abs((got.field.value - TRUE * np.sqrt(1.03)) / got.field.sigma) < 1.96) > 0.9
 
 
-def test_dirt_on_one_camera_does_not_move_the_gain():
+def test_dirt_on_one_camera_does_not_move_the_gain_and_is_told():
     fields = views(np.random.default_rng(2))
-    fields[0].value[(np.abs(X) < 0.25) & (MESH.vertices[:, 1] > 0.5)] *= 0.5
+    dirty = (np.abs(X) < 0.25) & (MESH.vertices[:, 1] > 0.5)
+    fields[0].value[dirty] *= 0.5
     got = merge_cameras(fields, ["left", "right"])
     assert np.log(got.gain[1] / got.gain[0]) == pytest.approx(np.log(1.03), abs=0.004)
+    (apart,) = got.apart
+    assert (apart.first, apart.second) == ("left", "right")
+    assert apart.beyond == pytest.approx(dirty.sum() / (np.abs(X) < 0.8).sum(), rel=0.1)
+    assert 0.7 < apart.typical < 1.5
+
+
+def test_how_far_cameras_are_apart_is_told_in_their_stated_sigmas():
+    """A gain that is not taken off goes into the sigma, but not unsaid: 3 % beside 1.1 % of noise."""
+    fields = views(np.random.default_rng(5))
+    (right,), (wrong,) = (merge_cameras(fields, ["left", "right"], gain=g).apart for g in ("overlap", "none"))
+    assert 0.7 < right.typical < 1.3
+    assert right.beyond == 0
+    assert wrong.typical > 2.5 * right.typical
+    assert wrong.beyond == 0
+    assert merge_cameras(fields[:1], ["left"]).apart == ()
 
 
 def test_seams_are_as_large_as_their_sigma_and_a_wrong_gain_shows():

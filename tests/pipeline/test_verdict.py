@@ -23,7 +23,8 @@ from windmark.pipeline.verdict.infrared import infrared_verdict
 from windmark.pipeline.verdict.network import _left_out, reconstruct_verdict
 from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
 from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_blur
-from windmark.pipeline.verdict.registered import MOVED, REFUSALS, refused
+from windmark.pipeline.verdict.reasons import MOVED
+from windmark.pipeline.verdict.registered import REFUSALS, refused
 from windmark.pipeline.verdict.run import run_verdict, units_findings
 from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import NotRegistered

@@ -9,7 +9,7 @@ import registration_scenes as scenes
 import windmark as wm
 from windmark.geometry import Pose, imaged_ellipse
 from windmark.geometry.rotations import hat
-from windmark.pipeline.verdict.registered import EXCHANGED
+from windmark.pipeline.verdict.reasons import EXCHANGED
 from windmark.registration import NotRegistered, RigRegistration, prepare, register, register_rig
 from windmark.scene import Detections, MarkerSet
 

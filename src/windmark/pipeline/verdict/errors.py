@@ -5,7 +5,7 @@ from __future__ import annotations
 from windmark.errors import WindmarkError
 from windmark.io import FileError
 from windmark.pipeline.typed import typed
-from windmark.pipeline.verdict.registered import camera_at_fault
+from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.verdict import BAD, Finding, Verdict
 
 CORRECT = "correct what is named"
@@ -17,7 +17,7 @@ def error_verdict(error: WindmarkError) -> Verdict:
     """Bad, for the reason that the error says."""
     if isinstance(error, FileError) and error.where == UNITS:
         cause, step = "units", "say each file's unit, or convert it (windmark convert --to-unit)"
-    elif (camera := camera_at_fault(str(error))) is not None:
+    elif (camera := told_by(str(error))) is not None:
         cause, step = camera
     else:
         cause, step = "file", CORRECT

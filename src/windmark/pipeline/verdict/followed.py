@@ -9,7 +9,7 @@ from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.doubts import as_finding
 from windmark.pipeline.verdict.picture import series_blur
-from windmark.pipeline.verdict.registered import camera_at_fault
+from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 
 
@@ -47,7 +47,7 @@ def _cameras(instants: Sequence[Followed]) -> list[Finding]:
     if len({key for _, key, _ in sights}) <= rules.SOME * len(instants):
         return []
     name, key, sight = min(sights, key=lambda at: at[2].found / max(at[2].expected, 1))
-    cause, step = camera_at_fault(sight.reason) or (
+    cause, step = told_by(sight.reason) or (
         "missing", "look at this picture: light, focus, or something before the model"
     )  # fmt: skip
     sees = f" sees {sight.found} of {sight.expected} markers" if sight.expected else ""

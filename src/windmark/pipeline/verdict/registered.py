@@ -12,6 +12,7 @@ from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.lens import other_interior
+from windmark.pipeline.verdict.reasons import MOVED, told_by
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.registration import NotRegistered, Registration
 from windmark.registration.task import MIN_COUNT
@@ -38,12 +39,6 @@ REFUSALS = {
     "time": ("time", "allow more time ([register] max_time_s), or give a prior pose"),
 }
 """Cause of a `NotRegistered` -> cause of the verdict, and the next step."""
-MOVED = ("place in the rig", "not where it is said to be", "not where cam_from_rig says")
-"""Words of a refusal for a camera that does not fit, where its place is at fault and not its interior."""
-EXCHANGED = "are exchanged: where cam_from_rig has the other"
-"""Words of a refusal for two cameras of which each has the other's pictures or place."""
-FOCAL = "the given focal length of"
-"""Words of a refusal for a camera whose focal length is at fault."""
 
 
 @dataclass(frozen=True)
@@ -93,20 +88,10 @@ def refused(no: NotRegistered, count: int) -> Finding:
     cause, step = REFUSALS[no.cause]
     if no.cause == "too_few" and count < MIN_COUNT:
         step = "give the table more markers, or let other roles of it take part ([markers] roles)"
-    if no.cause == "wrong_camera" and any(words in no.reason for words in MOVED):
+    placed = any(words in no.reason for words in MOVED) and (told_by(no.reason) or ("",))[0] == "moved"
+    if no.cause == "wrong_camera" and placed:
         cause, step = "moved", "find the cameras' places anew (windmark calibrate), or register them without the rig"
     return Finding(BAD, cause, f"not registered: {no.reason}", step)
-
-
-def camera_at_fault(reason: str) -> tuple[str, str] | None:
-    """Cause and next step where a series gives up for the sake of a camera; None where it does not."""
-    if FOCAL in reason:
-        return "focal", "give the focal length that was found, or calibrate the camera again"
-    if EXCHANGED in reason:
-        return REFUSALS["exchanged"]
-    if any(words in reason for words in MOVED):
-        return "moved", "find the cameras' places anew (windmark calibrate), and see that each has its own file"
-    return None
 
 
 def _bent(answer: Registration) -> list[Finding]:
@@ -165,7 +150,7 @@ def _misfit(seen: Sighting, answer: Registration) -> list[Finding]:
     # What moves the surface by less than `PLACE_PX` matters where it moves the camera by more than is stated.
     told = other.lead > rules.LENS_NATS
     if told and (answer.excess_px >= rules.PLACE_PX or other.sigmas > rules.CAMERA_SIGMAS):
-        there = f"; with one that fits the camera stands {g1(other.shift)} {seen.unit} elsewhere"
+        there = f"; with one that fits the camera may stand some {g1(other.shift)} {seen.unit} elsewhere"
         times = f", {g2(other.sigmas)} of its sigmas" if other.sigmas > 1 else ""
         return [
             Finding(

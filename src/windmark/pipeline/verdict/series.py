@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from windmark.pipeline.verdict import rules
-from windmark.pipeline.verdict.registered import camera_at_fault
+from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 
 
@@ -16,19 +16,13 @@ def lost_findings(lost: Sequence[tuple[str, str]], count: int, what: str) -> lis
     if len(lost) <= rules.LOST * count:
         return []
     name, why = lost[0]
-    return [
-        Finding(
-            DOUBTFUL,
-            "lost",
-            f"{len(lost)} of {count} {what} gave no result; {name}: {why}",
-            f"look at the first of these {what}",
-        )
-    ]
+    cause, step = told_by(why) or ("lost", f"look at the first of these {what}")
+    return [Finding(DOUBTFUL, cause, f"{len(lost)} of {count} {what} gave no result; {name}: {why}", step)]
 
 
 def bad_series(cause: str, reason: str, step: str) -> Verdict:
-    """No result at all; a camera that the reason finds at fault comes before ``cause``."""
-    cause, step = camera_at_fault(reason) or (cause, step)
+    """No result at all; what its words tell comes before ``cause``."""
+    cause, step = told_by(reason) or (cause, step)
     return Verdict.of([Finding(BAD, cause, reason, step)], 1, "", "")
 
 

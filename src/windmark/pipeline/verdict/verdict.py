@@ -15,11 +15,11 @@ BAD: Word = "bad"
 WORDS: tuple[Word, ...] = (GOOD, DOUBTFUL, BAD)
 
 CAUSES = {
-    "units": "lengths in different units",
+    "units": "units that differ or are mixed",
     "file": "a file that cannot be read, or does not fit the others",
     "saturated": "a picture at its highest grey level",
     "blurred": "a picture out of focus, or moved while it was taken",
-    "swapped": "names of markers exchanged",
+    "swapped": "names, rows or pictures exchanged",
     "mirrored": "a picture or a table that is mirrored",
     "discs": "radii or normals of the table that contradict the picture",
     "focal": "a focal length that does not fit",

@@ -1,0 +1,34 @@
+"""Refusals that reach a verdict as sentences (of a frame, a point, a file): what they are about, by their words."""
+
+from __future__ import annotations
+
+MOVED = ("place in the rig", "not where it is said to be", "not where cam_from_rig says")
+"""Words of a refusal for a camera that does not fit, where its place is at fault and not its interior."""
+EXCHANGED = "are exchanged: where cam_from_rig has the other"
+"""Words of a refusal for two cameras of which each has the other's pictures or place."""
+_STEPS = {
+    "focal": "give the focal length that was found, or calibrate the camera again",
+    "camera": "calibrate the lens of this camera (windmark calibrate); check that the file is this camera's",
+    "exchanged": "give each camera its own pictures and its own file: two have each other's",
+    "moved": "find the cameras' places anew (windmark calibrate), and see that each has its own file",
+    "discs": "check radii (not diameters, same unit) and normals of the table",
+    "rows": "give each row of the table of points its own pictures",
+    "units": "correct the unit, the cell or the pictures that are named",
+    "saturated": "expose shorter or dim the lamps",
+}
+REASONS: tuple[tuple[str, str, str], ...] = (
+    ("the given focal length of", "focal", _STEPS["focal"]),
+    ("the given lens does not fit", "camera", _STEPS["camera"]),
+    (EXCHANGED, "moved", _STEPS["exchanged"]),
+    *((words, "moved", _STEPS["moved"]) for words in MOVED),
+    ("are radii and normals right", "discs", _STEPS["discs"]),
+    ("rows and pictures were exchanged", "swapped", _STEPS["rows"]),
+    ("are mixed, or", "units", _STEPS["units"]),
+    ("of the picture is saturated", "saturated", _STEPS["saturated"]),
+)
+"""Words, the cause of the verdict, and the next step; the first that a sentence has."""
+
+
+def told_by(reason: str) -> tuple[str, str] | None:
+    """Cause and next step of a refusal by its words; None where they say none."""
+    return next(((cause, step) for words, cause, step in REASONS if words in reason), None)
