@@ -109,7 +109,7 @@ def test_markers_by_name_from_matches_and_from_detections(folder, tmp_path, wind
         (["--prior", "c.json"], "--prior belongs to 3D alignment"),
         (["-m", "m.csv", "-g", "w.grid", "--unit", "mm", "-c", "c.json", "--kind", "affine"], "--kind belongs to 2D"),
         (["--kind", "rigid"], "kind must be auto"),
-        (["--max-shift-px", "-3"], "max_shift_px must be > 0"),
+        (["--max-shift-px", "-3"], "'--max-shift-px': expected > 0, not -3"),
         (["--reference", "other"], "is no image's name"),
     ],
 )

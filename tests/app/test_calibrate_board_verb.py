@@ -95,7 +95,7 @@ def test_the_matches_of_a_board_calibrate_again(windmark, pictures, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--board", "0"), "--board: expected the distance"),
+        (("--board", "0"), "'--board': expected > 0, not 0"),
         (("--board-marks", "holes:0,0"), "two dots or more"),
         (("--board-marks", "rings:0,0:1,0"), "holes, large, small"),
         (("--board-marks", "holes:0,0:a,0"), "two dots or more"),

@@ -115,7 +115,7 @@ def test_bad_options(windmark, tmp_path):
     table = cell(tmp_path)
     for more, words in ((("--order", "5,1"), "within 1 to 4 and 0 to 3"), (("--order", "two"), "such as 2,1"),
                         (("-o", tmp_path / "paint.png"), "expected the name of a JSON file"),
-                        (("--p-ref", "-5"), "p_ref must be > 0")):  # fmt: skip
+                        (("--p-ref", "-5"), "'--p-ref': expected > 0, not -5")):  # fmt: skip
         done = windmark("paint-calibrate", table, *more)
         assert done.code == 2
         assert words in done.err

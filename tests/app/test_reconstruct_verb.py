@@ -228,7 +228,7 @@ def test_refusals_name_their_reason(windmark, failing, tmp_path, images, primary
         (("--pair", "w0", "w0"), "got w0 and w0"),
         (("--free", "zoom"), "--free: 'zoom' is none of"),
         (("--unit", "miles"), "--unit must be one of"),
-        (("--model-px", "-1"), "--model-px must be 0 or more, got -1"),
+        (("--model-px", "-1"), "'--model-px': expected >= 0, not -1"),
         (("--poses", "nowhere"), "nowhere: has no pose of any picture; expected files such as w0.json"),
         (("--images-of", "left=w*"), "expected the same"),
         (("--polarity", "grey"), "polarity"),

@@ -75,4 +75,4 @@ def test_one_kind_of_test_and_at_least_one_point(windmark, tmp_path):
     assert "--psp" in done.err
     none = windmark("simulate", tmp_path / "y", "--psp", 0)
     assert none.code == 2
-    assert "incidences" in none.err
+    assert "--psp" in none.err

@@ -60,7 +60,7 @@ def test_settings_reach_the_study(windmark, tmp_path):
 
 @pytest.mark.parametrize(
     ("option", "value", "word"),
-    [("--method", "guess", "methods"), ("--radius", 0.2, "radii_px"), ("--max-tilt-deg", 95, "max_tilt_deg")],
+    [("--method", "guess", "methods"), ("--radius", 0.2, "radii_px"), ("--max-tilt-deg", 95, "max-tilt-deg")],
 )
 def test_wrong_options_are_refused_and_nothing_is_written(windmark, tmp_path, option, value, word):
     done = windmark(*SMALL, option, value, "--output", tmp_path / "out")

@@ -58,7 +58,7 @@ def test_keep_and_json(windmark, files):
         (["a.tif", "a.tif"], "images: a is there twice"),
         (["c.json"], "c.json"),
         (["small.png"], "small.png: undistort: image must be 160 x 120 as its camera says"),
-        (["a.tif", "--magnify", "nan"], "factor must be a finite number"),
+        (["a.tif", "--magnify", "nan"], "'--magnify': expected > 0 and <= 1000, not nan"),
     ],
 )
 def test_refusals_write_nothing(windmark, files, arguments, message):

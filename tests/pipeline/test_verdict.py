@@ -119,6 +119,18 @@ def test_markers_scattered_off_their_table(tmp_path, tunnel):
     assert 0.25 < off < 1.0
 
 
+@pytest.mark.parametrize("what", ["picture", "table"])
+def test_a_mirrored_picture_or_table(tmp_path, tunnel, what):
+    """Its chance matches 16 of 16 markers: that it "could be chance" is true and helps nobody."""
+    m, image = tunnel.markers, tunnel.shot("wind-off").image
+    if what == "picture":
+        verdict = judged(tmp_path, tunnel, image=image[:, ::-1])
+    else:
+        verdict = judged(tmp_path, tunnel, markers=replace(m, xyz=m.xyz * [1, 1, -1], normal=m.normal * [1, 1, -1]))
+    assert (verdict.word, verdict.cause) == (BAD, "mirrored")
+    assert "the picture or the table is mirrored" in verdict.reason
+
+
 def test_saturated_picture(tmp_path, tunnel):
     image = tunnel.shot("wind-off").image
     level = np.quantile(image, 0.97)

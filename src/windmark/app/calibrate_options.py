@@ -168,8 +168,6 @@ def parse_board(pitch: float | None, marks: str | None, size: str | None, layout
         if marks is not None or size is not None or layout != "square":
             raise UsageError("--board-marks, --board-size and --board-layout describe a board: --board PITCH is needed")
         return None
-    if not 0 < pitch < float("inf"):
-        raise UsageError(f"--board: expected the distance from column to column, > 0, got {pitch:g}")
     kind, cells = _board_marks(marks)
     columns, rows = _board_size(size)
     name, colon, end = layout.partition(":")

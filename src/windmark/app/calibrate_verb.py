@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,10 +83,6 @@ class Files:
         if self.cameras and (self.focal_px is not None or self.size_px is not None):
             raise UsageError("--camera has size and focal length: leave --size and --focal out")
         Lengths(self.unit)
-        if self.focal_px is not None and not 0 < self.focal_px < math.inf:
-            raise UsageError(f"--focal must be finite and > 0, got {self.focal_px:g}")
-        if not self.sigma_px > 0:
-            raise UsageError(f"--sigma-px must be > 0, got {self.sigma_px:g}")
         if (self.markers is None) == (self.board is None):
             raise UsageError("expected either --markers with rough coordinates, or --board with the pitch of a board")
         if self.patterns and self.cameras and set(self.patterns) != set(self.cameras):

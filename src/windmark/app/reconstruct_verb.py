@@ -82,8 +82,6 @@ class Files:
     primary_cov: Path | None = None
 
     def __post_init__(self) -> None:
-        if not 0 <= self.model_px < float("inf"):
-            raise UsageError(f"--model-px must be 0 or more, got {self.model_px:g}")
         if self.free_frame == (self.primary is not None):
             raise UsageError("give --primary, the known markers, or --free-frame where there are none; one of the two")
         if self.primary_cov is not None and self.free_frame:

@@ -18,7 +18,7 @@ from windmark.app.report import Report
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
-from windmark.errors import UsageError, g3
+from windmark.errors import g3
 from windmark.geometry import Camera
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.same_run import made_with
@@ -64,9 +64,6 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     way is gone on with (``go_on`` "resume") or brought to its end with what it has ("finish").
     """
     unit, lengths = wishes.unit, Lengths(wishes.unit)
-    for name, value in zip(("--change-deg", "--change-percent"), change, strict=True):
-        if not (np.isfinite(value) and value > 0):
-            raise UsageError(f"{name} must be > 0, got {value:g}")
     roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
     markers, camera = lengths.markers(wishes.markers, roles), console.read_lens(wishes.camera)
     prior = None if wishes.prior is None else lengths.camera(wishes.prior).cam_from_model

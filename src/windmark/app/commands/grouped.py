@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isfinite
 from typing import Any
 
 import typer
@@ -48,7 +49,7 @@ def _option(option: Option[Any], *flags: str, panel: str | None) -> Any:
 
     def checked(value: Any) -> Any:
         for one in value if isinstance(value, list | tuple) else [value]:
-            if isinstance(one, int | float) and not option.allows(one):
+            if isinstance(one, int | float) and not (isfinite(one) and option.allows(one)):
                 raise typer.BadParameter(f"expected {option.range}, not {one:g}")
         return value
 
