@@ -3,14 +3,13 @@
     python benchmarks/verdicts.py [--seeds N] [--clean N] [--seed S] [--json FILE] [--show]
 
 Every job is one that a user could have: files in a folder, read and run by the verbs behind the command line
-(`read_project`, `run_project`; of a calibration from named marks `from_table`, `calibrate_marks`), then judged. Of
-every
-seed a wind tunnel is rendered (two cameras, 1000 x 800 px, 29 or so markers of some 3 px radius in view) and each
-fault is
-planted in it: a focal length 5 to 12 % wrong, two named markers exchanged (in a picture's labels; in a table of marks
-to
+(`read_project`, `run_project`; of a calibration from named marks `from_table`, `calibrate_marks`), then judged. Of every
+seed a wind tunnel is rendered (two cameras, 1000 x 800 px, 29 or so markers of some 3 px radius in view) and each fault is
+planted in it: a focal length 5 to 12 % wrong, two named markers exchanged (in a picture's labels; in a table of marks to
 calibrate from), a camera of a rig moved, a table in inches that says millimetres, a picture blurred by 2.2 to 3 px, a
-wing bent by 2 to 4 % of its span, half of the markers painted over. Clean jobs are as many again, of other seeds.
+wing bent by 2 to 4 % of its span, half of the markers painted over, a focal length 0.8 to 1.5 % and a principal point 15
+to 30 px wrong (a crop that the camera's file does not know), a mirrored picture. Clean jobs are as many again, of other
+seeds.
 
 "right" is the cause of the verdict, not one somewhere in its list. A clean job that is not "good" is a false alarm.
 """
@@ -45,7 +44,8 @@ from windmark.scene import MarkerSet
 SIZE = (1000, 800)
 RIGHT = {
     "focal": ("focal",), "swapped": ("swapped",), "swapped marks": ("swapped",), "moved": ("moved",),
-    "units": ("units",), "blurred": ("blurred",), "bent": ("bent",), "hidden": ("missing",), "clean": ("",),
+    "units": ("units",), "blurred": ("blurred",), "bent": ("bent",), "hidden": ("missing",),
+    "focal 1 %": ("lens", "focal", "camera"), "cropped": ("lens", "camera"), "mirrored": ("mirrored",), "clean": ("",),
 }  # fmt: skip
 """Fault -> causes that are right."""
 
@@ -121,9 +121,13 @@ def planted(seed: int, folder: Path) -> dict[str, Verdict]:
     labels |= {str(markers.name[a]): place[b], str(markers.name[b]): place[a]}
     turn = np.radians(rng.uniform(0.3, 1.0)) * rng.choice([-1, 1])
     knocked = Pose.from_rotvec(np.array([0.0, turn, 0.0]), np.zeros(3)) @ test.cam_from_tunnel["cam2"]
+    little, crop = 1 + rng.uniform(0.008, 0.015) * rng.choice([-1, 1]), rng.uniform(15, 30) * rng.choice([-1, 1])
     both = [off, test.shot("wind-off", "cam2")]
     return {
         "focal": job(folder, test, [off], cameras={"cam1": replace(camera, focal_px=camera.focal_px * factor)}),
+        "focal 1 %": job(folder, test, [off], cameras={"cam1": replace(camera, focal_px=camera.focal_px * little)}),
+        "cropped": job(folder, test, [off], cameras={"cam1": replace(camera, cx=camera.cx + crop)}),
+        "mirrored": job(folder, test, [off], images={"cam1": off.image[:, ::-1]}),
         "swapped": job(folder, test, [off], labels=labels),
         "swapped marks": calibration(seed, folder, swapped=True),
         "moved": job(folder, test, both, places={**test.cam_from_tunnel, "cam2": knocked}),
@@ -226,7 +230,7 @@ def main(quick: bool = False) -> dict[str, Any]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--seeds", type=int, default=25, help="wind tunnels, eight faults in each")
+    parser.add_argument("--seeds", type=int, default=25, help="wind tunnels, eleven faults in each")
     parser.add_argument("--clean", type=int, default=100)
     parser.add_argument("--seed", type=int, default=500)
     parser.add_argument("--json", type=Path)

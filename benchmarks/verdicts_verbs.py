@@ -78,6 +78,16 @@ def knocked(camera: Any, pose: Pose | None, rng: np.random.Generator) -> tuple[A
     return camera, Pose.from_rotvec(np.array([0.0, turn, 0.0]), np.zeros(3)) @ pose
 
 
+def both(*changes: Change) -> Change:
+    """Several changes, one after the other."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        for change in changes:
+            change(folder, rng)
+
+    return planted
+
+
 def table(name: str, change: Callable[[Any, np.random.Generator], Any]) -> Change:
     """Change a table of markers."""
 
@@ -239,6 +249,37 @@ def cameras_exchanged(folder: Path, rng: np.random.Generator) -> None:
         spare.rename(other)
 
 
+def pixels(pattern: str, change: Callable[[np.ndarray, np.random.Generator], np.ndarray], part: float = 0.0) -> Change:
+    """Pictures whose levels are others, from a part of the series on."""
+
+    def planted(folder: Path, rng: np.random.Generator) -> None:
+        paths = sorted(folder.glob(pattern))
+        assert paths, pattern
+        for path in paths[round(part * len(paths)) :]:
+            image = np.asarray(io.read_image(path))
+            light = change(image.astype(float), rng)
+            io.write_image(path, np.clip(light.round(), 0, np.iinfo(image.dtype).max).astype(image.dtype))
+
+    return planted
+
+
+def darker(factor: float, black: float = 64.0) -> Callable[[np.ndarray, np.random.Generator], np.ndarray]:
+    """So much of the light, over the simulation's level without any."""
+    return lambda light, _: black + factor * (light - black)
+
+
+def oil(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A spot in the middle that takes 15 % of the light."""
+    rows, columns = np.mgrid[: light.shape[0], : light.shape[1]]
+    far = np.hypot(rows - light.shape[0] / 2, columns - light.shape[1] / 2) / (0.06 * light.shape[1])
+    return light * (1 - 0.15 * (far < 1))
+
+
+def warmer(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A shutter that was calibrated anew: 3 % of the scene's contrast more on all pixels."""
+    return light + 0.03 * float(np.ptp(np.quantile(light, [0.01, 0.99])))
+
+
 def celsius(kelvin: np.ndarray) -> np.ndarray:
     """Kelvin as degrees Celsius."""
     return np.round(kelvin - 273.15, 3)
@@ -263,6 +304,15 @@ FAULTS: dict[str, dict[str, Fault]] = {
         "taps hPa": Fault(column("tap-pressures.csv", "pressure_Pa", lambda p: p / 100), ("taps", "units")),
         "taps of the other point": Fault(readings(of_the_other), ("taps",)),
         "taps of the next row": Fault(readings(of_the_next), ("taps",)),
+        "exposure of cam2": Fault(pixels("images/*/on-cam2*.tif", darker(0.8)), ("cameras", "taps")),
+        "oil": Fault(pixels("images/*/on-*.tif", oil), ("cameras",)),
+        "clipped": Fault(
+            pixels("images/*/off-*.tif", lambda x, _: np.minimum(x, np.quantile(x, 0.97))), ("saturated",)
+        ),
+        "taps compared, lamps": Fault(
+            both(text("psp.toml", ("[taps]", '[taps]\nin_situ = "compare"')),
+                 pixels("images/*/on-*.tif", darker(0.97))), ("taps",),
+        ),
         "lamps cm": Fault(scaled("psp.toml", {"position": 0.1}), ("lamps", "units")),
         "loads in m": Fault(scaled("psp.toml", {"area": 1e-6, "chord": 1e-3}), ("units",), ("area", "chord")),
         "wall in C": Fault(
@@ -273,6 +323,10 @@ FAULTS: dict[str, dict[str, Fault]] = {
         **SERIES,
         "blurred": Fault(blurred("images/*.tif"), ("blurred",)),
         "bent": Fault(rigid("infrared.toml"), ("bent",)),
+        "out of focus later": Fault(
+            pixels("images/*cam1*.tif", lambda x, _: gaussian_filter(x, 2.5), 0.5), ("blurred",)
+        ),
+        "shutter of cam1": Fault(pixels("images/*cam1*.tif", warmer, 0.5), ("cameras",)),
         "unit": Fault(text("infrared.toml", ('unit = "K"', 'unit = "degC"')), ("units",), ("temperature", "unit")),
     },
     "reconstruct": {
