@@ -3,13 +3,13 @@
     python benchmarks/verdicts.py [--seeds N] [--clean N] [--seed S] [--json FILE] [--show]
 
 Every job is one that a user could have: files in a folder, read and run by the verbs behind the command line
-(`read_project`, `run_project`; of a calibration from named marks `from_table`, `calibrate_marks`), then judged. Of every
-seed a wind tunnel is rendered (two cameras, 1000 x 800 px, 29 or so markers of some 3 px radius in view) and each fault is
-planted in it: a focal length 5 to 12 % wrong, two named markers exchanged (in a picture's labels; in a table of marks to
-calibrate from), a camera of a rig moved, a table in inches that says millimetres, a picture blurred by 2.2 to 3 px, a
-wing bent by 2 to 4 % of its span, half of the markers painted over, a focal length 0.8 to 1.5 % and a principal point 15
-to 30 px wrong (a crop that the camera's file does not know), a mirrored picture. Clean jobs are as many again, of other
-seeds.
+(`read_project`, `run_project`; of a calibration from named marks `from_table`, `calibrate_marks`), then judged. Of
+every seed a wind tunnel is rendered (two cameras, 1000 x 800 px, 29 or so markers of some 3 px radius in view) and
+each fault is planted in it: a focal length 5 to 12 % wrong, two named markers exchanged (in a picture's labels; in a
+table of marks to calibrate from), a camera of a rig moved, a table in inches that says millimetres, a picture blurred
+by 2.2 to 3 px, a wing bent by 2 to 4 % of its span, half of the markers painted over, a focal length 0.8 to 1.5 % and
+a principal point 15 to 30 px wrong (a crop that the camera's file does not know), a mirrored picture. Clean jobs are
+as many again, of other seeds.
 
 "right" is the cause of the verdict, not one somewhere in its list. A clean job that is not "good" is a false alarm.
 """

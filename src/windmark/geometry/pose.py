@@ -232,7 +232,8 @@ class Pose:
             When eye and target coincide or ``up`` is parallel to the line of sight.
         """
         eye, target, up = (np.asarray(v, dtype=float) for v in (eye, target, up))
-        z = target - eye
+        # By their largest coordinates first: squares of very long ones are no numbers.
+        z, up = _scaled(target - eye), _scaled(up)
         x = np.cross(z, up)
         if np.linalg.norm(z) == 0 or np.linalg.norm(x) < 1e-12 * np.linalg.norm(z) * np.linalg.norm(up):
             raise DataError("Pose.look_at: eye and target coincide, or up is parallel to the line of sight")
@@ -240,6 +241,11 @@ class Pose:
         x = x / np.linalg.norm(x)
         r = np.stack([x, np.cross(z, x), z])
         return Pose(r, -r @ eye)
+
+
+def _scaled(a: Array) -> Array:
+    """A vector whose largest coordinate is 1; zero stays zero."""
+    return a / (float(np.abs(a).max()) or 1.0)
 
 
 def _finite(a: Array) -> bool:
