@@ -79,6 +79,12 @@ def test_wrong_shapes_are_named():
         some_pose(0, (2,)).to_pov()
 
 
+@pytest.mark.parametrize("size", [1e-200, 1e300])
+def test_look_at_takes_directions_of_any_length(size):
+    pose = Pose.look_at([0, 0, 0], [size, 0, size / 2], [0, size, 0])
+    np.testing.assert_allclose(pose.rotation, Pose.look_at([0, 0, 0], [1, 0, 0.5], [0, 1, 0]).rotation, atol=1e-12)
+
+
 def test_look_at_puts_the_target_on_the_axis_and_up_up():
     eye, target = np.array([3.0, -2.0, 5.0]), np.array([0.5, 0.2, 0.1])
     pose = Pose.look_at(eye, target, [0, 0, 1])
