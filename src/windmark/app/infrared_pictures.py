@@ -45,16 +45,19 @@ def histories_picture(names: Sequence[str], time_s: Array, values: Array) -> Fig
     return figure
 
 
+FLAG_KINDS = ("nothing flagged", "the back is felt", "heat flows along the surface", "sharply bent")
+
+
 def flags_map(
     mesh: Mesh, flags: NDArray[np.integer], shown: Array, title: str, *, direction: Array, up: Array
 ) -> Figure:
-    """Where a heat flux (V,) is doubtful: 1 the back is felt, 2 heat flows along the surface, 3 sharply bent."""
+    """Where a heat flux (V,) is doubtful, by `FLAG_KINDS`."""
     value = np.where(np.isfinite(shown), 0.0, np.nan)
     for number, bit in enumerate((LATE, LATERAL, CURVED), start=1):
         value[(flags & bit > 0) & np.isfinite(shown)] = number
     view = surface_view(mesh, value, direction=direction, up=up, focus=mesh.vertices[np.isfinite(shown)],
                         size_px=(1100, 650))  # fmt: skip
-    return surface_picture(view.value, view.shade, title, "1 back felt, 2 sideways, 3 bent", limits=(0.0, 3.0))
+    return surface_picture(view.value, view.shade, title, kinds=FLAG_KINDS)
 
 
 def medians_picture(records: Sequence[FrameRecord], start_s: float | None) -> Figure:

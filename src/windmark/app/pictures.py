@@ -166,7 +166,7 @@ def wireframe_picture(image: NDArray[np.generic], lines: Sequence[Array], title:
 
 def surface_picture(
     value: NDArray[np.float32], shade: NDArray[np.float32], title: str, label: str = "grey level",
-    *, limits: tuple[float, float] | None = None,
+    *, limits: tuple[float, float] | None = None, kinds: Sequence[str] = (),
 ) -> Figure:  # fmt: skip
     """The mapped surface in 3D: colour = value, light and dark = the surface's shape, grey = not seen.
 
@@ -175,15 +175,19 @@ def surface_picture(
     value : (H, W) value of each pixel, NaN where the surface was not seen
     shade : (H, W) light on the surface 0..1, NaN where there is no surface
     limits : of the colours; by default all values but the outermost
+    kinds : what the values 0, 1, 2 ... stand for, where they are no quantity; ``label`` is not used then
     """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
+    from matplotlib.patches import Patch
 
     height, width = value.shape
     figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * height / width + 0.6), layout="constrained")
     axes = figure.add_subplot()
     finite = value[np.isfinite(value)]
+    if kinds:  # between nodes of two kinds there is no third
+        value, limits = np.round(value), (0.0, len(kinds) - 1.0)
     low, high = limits or (np.percentile(finite, [0.5, 99.5]) if finite.size else (0.0, 1.0))
     scale = Normalize(float(low), float(max(high, low + 1e-9)))
     colours = colormaps["viridis"](scale(np.nan_to_num(value, nan=low)))[..., :3]
@@ -194,7 +198,10 @@ def surface_picture(
     axes.imshow(picture, interpolation="nearest")
     axes.set_axis_off()
     axes.set_title(title)
-    if finite.size:
+    if kinds:
+        steps = [Patch(color=colormaps["viridis"](scale(k)), label=name) for k, name in enumerate(kinds)]
+        figure.legend(handles=steps, loc="outside lower center", ncols=len(steps), fontsize=9, frameon=False)
+    elif finite.size:
         figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes, shrink=0.7, label=label, extend="both")
     return figure
 
