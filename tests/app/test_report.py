@@ -9,7 +9,7 @@ import pytest
 
 from windmark.app import pictures, run_report
 from windmark.app.provenance import told
-from windmark.app.report import Report, cell, earned_decimals
+from windmark.app.report import Report, cell, earned_decimals, measured
 from windmark.app.svg import ticks
 
 
@@ -97,3 +97,9 @@ def test_numbers_have_the_digits_that_their_sigma_earns():
     assert earned_decimals([0.053, 0.12]) == 3
     assert earned_decimals([340.0]) == 0
     assert earned_decimals([float("nan"), 0.0]) == 4
+
+
+def test_a_measured_number_has_the_digits_that_its_sigma_earns():
+    assert measured(245876.8803, 10102.9, sign="+") == ("+245877", "10103")
+    assert measured(0.26403, 0.0035) == ("0.2640", "0.0035")
+    assert measured(float("nan"), 0.1) == ("–", "–")

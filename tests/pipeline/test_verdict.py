@@ -223,6 +223,11 @@ def test_an_infrared_run_is_judged_by_what_its_cameras_see_and_by_its_sigma():
     assert infrared_verdict(frames(seen=0.3, median_sigma_T=0.1)).word == GOOD  # cameras see one side of a model
     fewer = [*frames(seen=0.3, median_sigma_T=0.1)[:1], *frames(seen=0.1, median_sigma_T=0.1)[1:]]
     assert infrared_verdict(fewer).cause == "covered"
+    flux = {"seen": 0.3, "median_sigma_T": 0.1, "median_q": 39.0}
+    assert infrared_verdict(frames(**flux, median_sigma_q=9.0)).word == GOOD
+    unknown = infrared_verdict(frames(**flux, median_sigma_q=99.0))
+    assert (unknown.word, unknown.cause) == (DOUBTFUL, "weak")
+    assert "heat fluxes are known to 99 W/m² (median, 1 sigma), which is more than they are" in unknown.reason
     verdict = infrared_verdict(frames(seen=0.3, median_sigma_T=190.0))
     assert (verdict.word, verdict.cause) == (BAD, "units")
     assert "known to 190 K only" in verdict.reason

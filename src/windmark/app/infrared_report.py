@@ -13,7 +13,7 @@ import windmark
 from windmark import io
 from windmark.app.infrared_pictures import flags_map, histories_picture, medians_picture
 from windmark.app.psp_pictures import cp_map
-from windmark.app.report import Report
+from windmark.app.report import Report, measured
 from windmark.errors import g3
 from windmark.pipeline.infrared import FAILED, FrameRecord, InfraredResult, InfraredRun, reduced
 from windmark.pipeline.infrared.outputs import FRAMES
@@ -71,11 +71,12 @@ def histories_of(result: InfraredResult, of: PointSet) -> Figure:
 
 
 def _frames(report: Report, result: InfraredResult) -> None:
-    columns = ["frame", "time s", "state", "cameras", "RMS px", "seen part", "T K", "sigma K", "q W/m²", "sigma W/m²",
-               "flagged", "sigma of T by", "sigma of q by"]  # fmt: skip
+    columns = ["frame", "time s", "state", "cameras", "RMS px", "seen %", "T K", "sigma K", "q W/m²", "sigma W/m²",
+               "flagged %", "sigma of T by", "sigma of q by"]  # fmt: skip
     rows = [
-        [r.key, r.time_s, r.status, " ".join(r.cameras), r.rms_px, r.seen, f"{r.median_T:.2f}" if r.seen else None,
-         r.median_sigma_T, r.median_q, r.median_sigma_q, r.flagged, _causes(r, "T"), _causes(r, "q")]
+        [r.key, r.time_s, r.status, " ".join(r.cameras), r.rms_px, _percent(r.seen),
+         *measured(r.median_T, r.median_sigma_T), *measured(r.median_q, r.median_sigma_q), _percent(r.flagged),
+         _causes(r, "T"), _causes(r, "q")]
         for r in result.records
     ]  # fmt: skip
     report.table(columns, rows, scroll=len(rows) > 15)
@@ -86,6 +87,10 @@ def _frames(report: Report, result: InfraredResult) -> None:
             report.text(f"Frame {r.key}: {'; '.join(r.remarks)}", "soft")
     for remark in result.remarks:
         report.text(remark, "bad")
+
+
+def _percent(part: float) -> str | None:
+    return f"{100 * part:.1f}" if np.isfinite(part) else None
 
 
 def _causes(r: FrameRecord, what: str) -> str:

@@ -13,6 +13,7 @@ from windmark.app.alone import not_drawn
 from windmark.app.project_place import project_in
 from windmark.app.provenance import Provenance
 from windmark.app.psp_report import psp_page
+from windmark.app.report import measured
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
@@ -109,7 +110,7 @@ def _lines(records: list[PointRecord]) -> list[str]:
     lines += [f"  {listed('point', names)}: {why}" for why, names in failed.items()][:SHOWN]
     for r in done[:SHOWN]:
         loads = r.loads.get("all", {})
-        words = ", ".join(f"{c} {loads[c][0]:+.4f} ± {loads[c][1]:.4f}" for c in ("CL", "CD", "Cm") if c in loads)
+        words = ", ".join(f"{c} {' ± '.join(measured(*loads[c], sign='+'))}" for c in ("CL", "CD", "Cm") if c in loads)
         taps = "" if r.taps is None or not np.isfinite(r.taps.rms) else f", taps {r.taps.rms:.4f} RMS in Cp"
         part = r.shown.get("all", 1.0)
         of = "" if part > WHOLE else f"loads of the {100 * part:.0f} % of the surface that cameras show: "

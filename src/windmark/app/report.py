@@ -217,6 +217,14 @@ def earned_decimals(sigmas: Iterable[float]) -> int:
     return min(max(1 - math.floor(math.log10(min(known))), 0), 9) if known else 4
 
 
+def measured(value: float, sigma: float, sign: str = "") -> tuple[str, str]:
+    """A number and its sigma with the digits that it earns, as text; dashes where there is none."""
+    if not math.isfinite(value):
+        return "–", "–"
+    digits = earned_decimals([sigma])
+    return f"{value:{sign}.{digits}f}", f"{sigma:.{digits}f}"
+
+
 def cell(value: Any) -> str:
     """A value as table text: floats with 4 significant digits, None and NaN as a dash."""
     if value is None:

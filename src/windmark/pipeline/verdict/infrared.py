@@ -46,6 +46,17 @@ def infrared_verdict(records: Sequence[FrameRecord], remarks: Sequence[str] = ()
                 "say the unit of the camera's numbers; give emissivity and surroundings with their sigma",
             )
         )
+    flux = [(abs(r.median_q), r.median_sigma_q) for r in good if np.isfinite(r.median_q)]
+    if flux and middle([s for _, s in flux]) > max(q for q, _ in flux):
+        found.append(
+            Finding(
+                DOUBTFUL,
+                "weak",
+                f"heat fluxes are known to {g2(middle([s for _, s in flux]))} W/m² (median, 1 sigma), which is more "
+                "than they are",
+                "take more frames a second, or a longer run; the report says what leaves them open",
+            )
+        )
     flagged = [r.flagged for r in good if np.isfinite(r.flagged)]
     if flagged and middle(flagged) > rules.SOME:
         found.append(
