@@ -122,7 +122,7 @@ def test_taps_that_are_only_compared_are_judged_too():
     ("reason", "cause"),
     [
         ("units of p_inf, q_inf or p_off are mixed, or pictures with wind and without were exchanged", "units"),
-        ("the table of points says 4: rows and pictures were exchanged, or", "swapped"),
+        ("the table of points says 4: rows and pictures were exchanged, or", "lost"),
         ("is another one: camera cam1: the given lens does not fit: with k1 = -0.1, a camera is not where it is said "
          "to be", "camera"),
         ("a camera is not where it is said to be, or is another one", "moved"),

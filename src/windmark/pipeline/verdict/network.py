@@ -30,6 +30,7 @@ REFUSALS = {
     "few_primaries": "few",
     "line": "one-sided",
     "not_found": "no match",
+    "mirrored": "mirrored",
     "ambiguous": "layout",
     "poses": "moved",
     "focal": "focal",
@@ -192,6 +193,7 @@ def _blurred(pictures: Sequence[Picture]) -> list[Finding]:
 def _refused(reason: str, cause: str, blurred: Sequence[Finding]) -> Verdict:
     """No result; blurred pictures explain that."""
     steps = {
+        "mirrored": "correct the sign of that axis in the table of primaries",
         "focal": "give the focal length that was found, or let it adjust (--free focal_px)",
         "one-sided": "give the place of one more marker, beside that line", "few": "more pictures and markers",
         "weak": "pictures from more sides and distances",

@@ -12,7 +12,7 @@ _STEPS = {
     "exchanged": "give each camera its own pictures and its own file: two have each other's",
     "moved": "find the cameras' places anew (windmark calibrate), and see that each has its own file",
     "discs": "check radii (not diameters, same unit) and normals of the table",
-    "rows": "give each row of the table of points its own pictures",
+    "rows": "give each row of the table of points its own pictures; else see points.alpha_at_rest_deg and the laws",
     "units": "correct the unit, the cell or the pictures that are named",
     "saturated": "expose shorter or dim the lamps",
 }
@@ -22,7 +22,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     (EXCHANGED, "moved", _STEPS["exchanged"]),
     *((words, "moved", _STEPS["moved"]) for words in MOVED),
     ("are radii and normals right", "discs", _STEPS["discs"]),
-    ("rows and pictures were exchanged", "swapped", _STEPS["rows"]),
+    ("rows and pictures were exchanged", "lost", _STEPS["rows"]),
     ("are mixed, or", "units", _STEPS["units"]),
     ("of the picture is saturated", "saturated", _STEPS["saturated"]),
 )

@@ -19,7 +19,7 @@ CAUSES = {
     "file": "a file that cannot be read, or does not fit the others",
     "saturated": "a picture at its highest grey level",
     "blurred": "a picture out of focus, or moved while it was taken",
-    "swapped": "names, rows or pictures exchanged",
+    "swapped": "names exchanged",
     "mirrored": "a picture or a table that is mirrored",
     "discs": "radii or normals of the table that contradict the picture",
     "focal": "a focal length that does not fit",

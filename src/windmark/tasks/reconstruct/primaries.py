@@ -30,6 +30,8 @@ TRIANGLES = 10
 MOST_POINTS = 400
 """Points among which a constellation is looked for; the work grows with the third power."""
 MAX_LOG10_NFA = -3.0
+MIRROR = np.array([1.0, 1.0, -1.0])
+"""Of a table of places; which axis it is makes no difference to what is similar to it."""
 RIVAL = 3.0
 """Another solution counts as a rival if its residuals are at most so many times those of the best."""
 AGREED = 0.6
@@ -160,16 +162,10 @@ def _by_constellation(task: Task, structure: Structure, named: dict[int, int]) -
     extent = float(np.linalg.norm(np.ptp(known, axis=0)))
     sigma = np.nanmax(np.where(np.isfinite(task.primary.sigma), task.primary.sigma, 0.0))
     tolerance = TOLERANCE * extent + 3 * float(sigma)
-    tree, found = cKDTree(structure.xyz), list[Located]()
-    for triangle in _triangles(known):
-        for corners in _alike(structure.xyz, known[list(triangle)], tolerance):
-            located = _extended(structure.xyz, tree, known, triangle, corners, tolerance, extent)
-            if located is not None and all(
-                p not in named or named[p] == q for p, q in zip(located.primary, located.point, strict=True)
-            ):
-                found.append(located)
-        if found and min(f.log10_nfa for f in found) < 2 * MAX_LOG10_NFA:
-            break
+    found = _constellations(structure.xyz, known, named, tolerance, extent)
+    most = max((len(f.point) for f in found), default=0)
+    if most < len(known):
+        _refuse_mirrored(_constellations(structure.xyz, known * MIRROR, named, tolerance, extent), most, len(known))
     if not found:
         views = len(structure.poses)
         raise Refused(
@@ -178,6 +174,33 @@ def _by_constellation(task: Task, structure: Structure, named: dict[int, int]) -
             "are not where their table says; take more pictures that show them, or label three in one picture",
         )  # fmt: skip
     return _best(found, len(known), FINEST * extent)
+
+
+def _constellations(
+    xyz: Array, known: Array, named: dict[int, int], tolerance: float, extent: float
+) -> list[Located]:
+    """Sets of points that are placed as the primaries, or four of them or more, are."""
+    tree, found = cKDTree(xyz), list[Located]()
+    for triangle in _triangles(known):
+        for corners in _alike(xyz, known[list(triangle)], tolerance):
+            located = _extended(xyz, tree, known, triangle, corners, tolerance, extent)
+            if located is not None and all(
+                p not in named or named[p] == q for p, q in zip(located.primary, located.point, strict=True)
+            ):
+                found.append(located)
+        if found and min(f.log10_nfa for f in found) < 2 * MAX_LOG10_NFA:
+            break
+    return found
+
+
+def _refuse_mirrored(found: list[Located], most: int, primaries: int) -> None:
+    """Refuse primaries of which more are recognised in the mirror image of their table than in it."""
+    best = min(found, key=lambda f: f.log10_nfa, default=None)
+    if best is not None and best.log10_nfa <= MAX_LOG10_NFA and len(best.point) > most:
+        raise Refused(
+            "mirrored", f"the mirror image of the table of primaries has {len(best.point)} of {primaries} where "
+            f"points were reconstructed, the table has {most}: one of its axes has the wrong sign",
+        )  # fmt: skip
 
 
 def _best(found: list[Located], primaries: int, floor: float) -> Located:

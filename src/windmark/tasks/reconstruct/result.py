@@ -24,6 +24,7 @@ CAUSES = {
     "few_primaries": "fewer than three primary markers",
     "line": "the primary markers are on a line",
     "not_found": "the primary markers were not recognised among the reconstructed ones",
+    "mirrored": "the mirror image of the table of primary markers fits the reconstructed ones, the table does not",
     "ambiguous": "the primary markers fit the reconstructed ones in several ways",
     "focal": "the pictures contradict the given focal length",
     "poses": "the pictures contradict the given poses",
@@ -32,8 +33,8 @@ CAUSES = {
 }
 """Every cause of a `NotReconstructed`, in words."""
 Cause = Literal[
-    "too_few", "no_pair", "baseline", "few_primaries", "line", "not_found", "ambiguous", "focal", "poses",
-    "unconnected", "adjustment",
+    "too_few", "no_pair", "baseline", "few_primaries", "line", "not_found", "mirrored", "ambiguous", "focal",
+    "poses", "unconnected", "adjustment",
 ]  # fmt: skip
 
 
