@@ -130,18 +130,49 @@ def test_a_prior_that_the_pictures_contradict_is_left_out(case):
     assert run(case, datum=Free(), cameras=right, prior_sigma={"cx": 2.0}).doubts == ()
 
 
-def test_a_picture_with_another_focal_length_is_named(case):
-    change = np.where(np.arange(10) == 4, 0.02, 0.0)
-    truth, net = replace(case.truth, focal_change=change), case.network
+def seen_otherwise(case, view, change=0.0, shift=0.0):
+    """The case with one picture of another focal length, or shifted on the sensor (cropped) by so many pixels."""
+    truth, net = replace(case.truth, focal_change=np.where(np.arange(10) == view, change, 0.0)), case.network
     xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
+    xy = xy + np.where(net.view == view, shift, 0.0)[:, None] * [1.0, 0.3]
     xy = (xy + np.random.default_rng(0).normal(0, 0.1, xy.shape))[inside]
     network = replace(net, view=net.view[inside], point=net.point[inside], xy=xy, cov=net.cov[inside])
-    other = networks.Case(network, truth, case.start)
+    return networks.Case(network, truth, case.start)
+
+
+def test_a_picture_with_another_focal_length_is_named(case):
+    other = seen_otherwise(case, 4, change=0.02)
     result = run(other, datum=Free())
     (doubt,) = result.doubts
     assert doubt.names[0] == "v04"
     assert str(doubt).startswith("focal length not that of the other pictures (free_focal): v04 (+2")
     assert run(other, datum=Free(), free_focal=["v04"]).doubts == ()
+
+
+@pytest.mark.parametrize("shift", [40.0, 70.0])
+def test_a_cropped_picture_is_the_one_that_is_named_and_not_those_that_it_bends(case, shift):
+    """It moved principal point and focal length by 10 to 50 sigma, and five right pictures were named for it."""
+    result = run(seen_otherwise(case, 6, shift=shift), datum=Free())
+    (doubt,) = result.doubts
+    assert (doubt.names, doubt.cause) == (("v06",), "picture")
+    assert list(result.dropped) == ["v06"]
+    assert ("another focus took it (by its focal length " in str(doubt)) == (shift < 50)
+    for parameter in ("focal_px", "cx", "cy"):
+        off = getattr(result.cameras["cam0"], parameter) - getattr(networks.CAMERA, parameter)
+        assert abs(off) < 4 * result.sigma("cam0", parameter)
+
+
+def test_half_of_the_pictures_are_not_left_out(case):
+    """Which half is the wrong one nobody can tell."""
+    net = case.network
+    change = np.where(np.arange(10) < 5, 0.01, 0.0)
+    truth = replace(case.truth, focal_change=change)
+    xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
+    xy = (xy + np.random.default_rng(0).normal(0, 0.1, xy.shape))[inside]
+    network = replace(net, view=net.view[inside], point=net.point[inside], xy=xy, cov=net.cov[inside])
+    result = run(networks.Case(network, truth, case.start), datum=Free())
+    assert result.dropped == {}
+    assert any(d.cause == "focal" for d in result.doubts)
 
 
 def test_names_with_braces_are_names(case):

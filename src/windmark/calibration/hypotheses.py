@@ -79,7 +79,7 @@ def refocused(job: Job, solved: Solved) -> tuple[list[Refocused], float]:
     at[views] = np.arange(len(views))
     by_view = at[marks.views]
     known = by_view >= 0
-    cross = _gathered(solved, np.where(known[:, None], b, 0.0), by_view, len(views))
+    cross = gathered(solved, np.where(known[:, None], b, 0.0), by_view, len(views))
     power, score = np.zeros(len(views)), np.zeros(len(views))
     np.add.at(power, by_view[known], (b[known] ** 2).sum(axis=1))
     np.add.at(score, by_view[known], (b[known] * r[known]).sum(axis=1))
@@ -113,7 +113,7 @@ def focus_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
     return (Doubt(tuple(r.view for r in worst), words, "focal"),)
 
 
-def _gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) -> Array:
+def gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) -> Array:
     """(D + E b, count) J^T b, summed over the marks of each group."""
     lay = solved.problem.layout
     jd, je, cols, block = solved.problem.jacobian(solved.state)

@@ -15,9 +15,11 @@ from windmark.calibration.consistent import with_control
 from windmark.calibration.datum import Datum, Distance
 from windmark.calibration.eccentric import radii_off
 from windmark.calibration.finish import calibration, refuse_weak
+from windmark.calibration.foreign import contradicting, most_foreign, of_its_own, without
 from windmark.calibration.hypotheses import focus_doubts
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part
+from windmark.calibration.solve import Solved
 from windmark.calibration.start import start_poses
 from windmark.errors import g3
 from windmark.geometry import Camera, DegenerateGeometry, Pose
@@ -150,50 +152,70 @@ def _best_of_starts(job: Job, options: dict[str, Any]) -> Calibration | NotCalib
 def _attempt(
     job: Job, cameras: Mapping[str, Camera], options: dict[str, Any], seed: int
 ) -> Calibration | NotCalibrated:
-    dropped: dict[str, str] = {}
-
-    def refused(cause: str, reason: str, weak: tuple[str, ...] = (), sigma0: float = np.nan) -> NotCalibrated:
-        return NotCalibrated(reason, cause, weak, dropped, sigma0, options)
-
-    sigma0 = np.nan
+    """From one start; once more without pictures that contradict all others, if the others agree then."""
     try:
         good, state, dropped = _start(job, cameras, seed)
-        if state is None:
-            return refused("too_few", "no view has a pose: fewer than four marks, or markers on one line")
+    except DegenerateGeometry as error:
+        return NotCalibrated(str(error), "degenerate", error.weak, {}, np.nan, options)
+    if state is None:
+        reason = "no view has a pose: fewer than four marks, or markers on one line"
+        return NotCalibrated(reason, "too_few", (), dropped, np.nan, options)
+    outcome, solved = _adjusted(job, state, good, dropped, options)
+    others, foreign = outcome, dict[int, str]()
+    while options["reject"] and solved is not None and isinstance(others, Calibration) and contradicting(others):
+        if 4 * (len(foreign) + 1) > len(job.views):
+            return outcome  # of so many none can be told to be the wrong one
+        view = most_foreign(solved)
+        foreign[view] = of_its_own(job, solved, view)
+        rest = good & ~np.isin(job.observations.view, list(foreign))
+        others, solved = _adjusted(job, state, rest, dropped, options)
+    if isinstance(others, Calibration) and foreign:
+        return without(others, {job.views[v].name: focal for v, focal in foreign.items()})
+    return outcome
+
+
+def _adjusted(
+    job: Job, state: NetworkState, good: Mask, dropped: dict[str, str], options: dict[str, Any]
+) -> tuple[Calibration | NotCalibrated, Solved | None]:
+    """The ``good`` (O,) marks adjusted from a start and judged, and what was solved."""
+    sigma0 = np.nan
+
+    def refused(cause: str, reason: str) -> tuple[NotCalibrated, None]:
+        return NotCalibrated(reason, cause, (), dropped, sigma0, options), None
+
+    try:
         held = with_control(job, state, good, options)
         job, solved = held.job, held.solved
         dropped, sigma0 = solved.dropped | dropped, solved.sigma0
         if held.unclear is not None:
-            return refused("control", str(held.unclear), held.unclear.names, sigma0)
+            why = str(held.unclear)
+            return NotCalibrated(why, "control", held.unclear.names, dropped, sigma0, options), None
         if solved.redundancy <= 0:
             return refused("too_few", f"{2 * int(solved.used.sum())} observations for as many unknowns or more")
         ratio = radii_off(job.markers, solved.discs)
         if max(ratio, 1 / ratio) > RADII_OFF:
-            return refused("discs", radii_words(ratio, job.markers.length_unit), sigma0=sigma0)
+            return refused("discs", radii_words(ratio, job.markers.length_unit))
         if sigma0 > options["max_sigma0"]:
             return refused(
                 "misfit",
                 f"residuals are {g3(sigma0)} times what the marks' covariances say (limit "
                 f"{options['max_sigma0']:g}): wrong labels, a start too far away, or a lens beyond the model",
-                sigma0=sigma0,
             )
         # First: where something is not determined, the search has no end.
         refuse_weak(job, solved, state)
         if not solved.report.converged:
-            return refused(
-                "not_converged", f"the adjustment ended without a minimum: {solved.report.reason}", sigma0=sigma0
-            )
+            return refused("not_converged", f"the adjustment ended without a minimum: {solved.report.reason}")
         if (share := float(solved.used.sum() / good.sum())) < LEAST_USED:
             return refused(
                 "misfit",
                 f"only {100 * share:.0f} % of the marks fit one solution: wrong labels, a start too far away, or a "
                 "lens beyond the model (free more parameters)",
-                sigma0=sigma0,
             )
         used = {"datum": job.datum, "distances": job.distances, "prior_sigma": dict(job.prior_sigma)}
-        return calibration(job, solved, dropped, {**options, **used}, (*held.doubts, *focus_doubts(job, solved)))
+        doubts = (*held.doubts, *focus_doubts(job, solved))
+        return calibration(job, solved, dropped, {**options, **used}, doubts), solved
     except DegenerateGeometry as error:
-        return refused("degenerate", str(error), error.weak, sigma0)
+        return NotCalibrated(str(error), "degenerate", error.weak, dropped, sigma0, options), None
 
 
 def _start(job: Job, cameras: Mapping[str, Camera], seed: int) -> tuple[Mask, NetworkState | None, dict[str, str]]:

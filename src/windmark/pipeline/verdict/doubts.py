@@ -9,7 +9,7 @@ STEPS = {
     "units": "correct the unit of places or radii in the table of markers",
     "swapped": "correct the names in the table of marks, or take the exchange as found",
     "marker": "measure it again, or leave it out",
-    "picture": "look at this picture: focus, labels, or a marker that had moved",
+    "picture": "see that this picture is one of this camera, its focus and its labels; else leave it out",
     "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",
     "control": "measure the named ones again, or leave the wrong one out",
     "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
@@ -23,7 +23,6 @@ STEPS = {
     "layout": "label a marker in this picture, or leave it out",
 }
 """Next step of a `Doubt` by its cause."""
-_AS = {"picture": "noise"}
 
 
 def doubt_finding(doubt: Doubt) -> Finding:
@@ -34,4 +33,4 @@ def doubt_finding(doubt: Doubt) -> Finding:
 def as_finding(words: str, cause: str) -> Finding:
     """A doubt that is kept as its sentence and its cause."""
     step = STEPS.get(cause, "see the sentence; the report has the figures")
-    return Finding(DOUBTFUL, _AS.get(cause, cause or "noise"), words, step)
+    return Finding(DOUBTFUL, cause or "noise", words, step)

@@ -25,6 +25,7 @@ CAUSES = {
     "focal": "a focal length that does not fit",
     "moved": "a camera that is not where it should be",
     "camera": "an interior of the camera, or a lens, that does not fit",
+    "picture": "a picture that contradicts the others",
     "lens": "residuals with the pattern of another lens, focal length or principal point",
     "attached": "a part of the model that moves with another one and is not attached to it",
     "bent": "a model that is bent, taken as rigid; or a law that is too simple",
