@@ -21,6 +21,8 @@ from windmark.scene import Doubt
 
 Array = NDArray[np.float64]
 
+TRIED = 12
+"""Pictures, those with the largest residuals, that may be the one: the work is theirs times the unknowns squared."""
 LEAST_VIEWS = 4
 """Of fewer pictures none is told to be the one that is wrong."""
 
@@ -35,8 +37,10 @@ def most_foreign(solved: Solved) -> int:
     """The view without whose marks the sum of squares would fall most beyond their number."""
     problem, used = solved.problem, solved.used[solved.problem.order]
     views, residual = problem.marks.views, solved.residual[problem.order]
+    seen = np.unique(views[used])
+    beyond = np.bincount(views, (residual**2).sum(axis=1) - 2 * solved.sigma0**2)[seen]
     found = {}
-    for view in np.unique(views[used]).tolist():
+    for view in seen[np.argsort(-beyond, kind="stable")[:TRIED]].tolist():
         own = np.flatnonzero((views == view) & used)
         group = np.full(len(views), -1)
         group[own] = np.arange(len(own))
