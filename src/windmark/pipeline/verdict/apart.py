@@ -33,7 +33,8 @@ def apart_findings(
         here = f" in {{}} of {len(every)} {moment}" if moment else ""
         if len(far) > rules.SOME * len(every):
             words = f"{what} {first} and {second} differ by {g2(max(far))} times their sigmas where both see"
-            out.append(Finding(DOUBTFUL, "cameras", f"{words}{here.format(len(far))}; the merged values lie between them", step))
+            said = f"{words}{here.format(len(far))}; the merged values lie between them"
+            out.append(Finding(DOUBTFUL, "cameras", said, step))
             continue
         parts = [one.beyond for one in every if one.beyond > rules.CONTRADICTED]
         if len(parts) > rules.SOME * len(every):
