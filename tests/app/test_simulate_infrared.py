@@ -40,10 +40,10 @@ def test_same_seed_same_files_and_another_seed_another_run(tmp_path):
     prints = []
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         (tmp_path / name).mkdir()
-        simulate_infrared(tmp_path / name, seed, 7, (240, 192))
+        simulate_infrared(tmp_path / name, seed, 8, (240, 192))
         prints.append({p.name: p.read_bytes() for p in (tmp_path / name).rglob("*") if p.suffix in (".tif", ".toml")})
     assert prints[0] == prints[1]
-    assert len(prints[0]) == 2 * 7 + 32 + 2
+    assert len(prints[0]) == 2 * 8 + 32 + 2
     assert all(prints[0][n] != prints[2][n] for n in prints[0])
 
 
