@@ -114,7 +114,7 @@ def focus_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
 
 
 def gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) -> Array:
-    """(D + E b, count) J^T b, summed over the marks of each group."""
+    """(D + E b, count) J^T b, summed over the marks of each group; ``b`` (O, 2) is zero for marks of none (-1)."""
     lay = solved.problem.layout
     jd, je, cols, block = solved.problem.jacobian(solved.state)
     free = (cols >= 0).any(axis=0)
