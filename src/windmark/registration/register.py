@@ -299,9 +299,9 @@ def _refuse_early(tasks: list[Task], markers: MarkerSet, layout: Layout | None) 
     """What needs no search to say no: (reason, cause) or None."""
     most = max(len(task.xy) for task in tasks)
     where = "" if len(tasks) == 1 else " in the fullest image"
-    for count, what in ((most, f"spots{where}"), (len(markers), "markers")):
+    for count, what, at in ((most, "spot", where), (len(markers), "marker", "")):
         if count < MIN_COUNT:
-            return f"{count} {what}: three pairs fix a pose and a fourth is needed to check it", "too_few"
+            return f"{count} {what}{'' if count == 1 else 's'}{at}: three pairs fix a pose and a fourth is needed to check it", "too_few"
     widths = [off_line(task.xy) for task in tasks if len(task.xy) >= MIN_COUNT]
     worst = max(float(task.cov.max()) for task in tasks if len(task.xy))
     if all(width < ON_LINE_PX + np.sqrt(worst) for width in widths):
