@@ -301,7 +301,8 @@ def _refuse_early(tasks: list[Task], markers: MarkerSet, layout: Layout | None) 
     where = "" if len(tasks) == 1 else " in the fullest image"
     for count, what, at in ((most, "spot", where), (len(markers), "marker", "")):
         if count < MIN_COUNT:
-            return f"{count} {what}{'' if count == 1 else 's'}{at}: three pairs fix a pose and a fourth is needed to check it", "too_few"
+            found = f"{count} {what}{'' if count == 1 else 's'}{at}"
+            return f"{found}: three pairs fix a pose and a fourth is needed to check it", "too_few"
     widths = [off_line(task.xy) for task in tasks if len(task.xy) >= MIN_COUNT]
     worst = max(float(task.cov.max()) for task in tasks if len(task.xy))
     if all(width < ON_LINE_PX + np.sqrt(worst) for width in widths):
