@@ -154,10 +154,11 @@ def test_too_few_spots_or_markers(count):
     scene = scenes.scene(1)
     few = register(scene.detections.take(np.arange(count)), scene.markers, scene.camera)
     assert_refused(few, "too_few")
-    assert f"{count} spots" in few.reason
+    plural = "" if count == 1 else "s"
+    assert f"{count} spot{plural}: " in few.reason
     few = register(scene.detections, scene.markers.take(np.arange(count)), scene.camera)
     assert_refused(few, "too_few")
-    assert f"{count} markers" in few.reason
+    assert f"{count} marker{plural}: " in few.reason
 
 
 def test_four_pairs_are_never_enough_without_a_prior():
