@@ -54,8 +54,10 @@ SMALLER = {
     "windmark simulate my-wing --deforming 12": "windmark simulate my-wing --deforming 4",
     "windmark simulate my-wing --deforming 8": "windmark simulate my-wing --deforming 4",
     "windmark simulate my-film --sequence 24": "windmark simulate my-film --sequence 6",
+    "windmark simulate my-rig --cameras 4": "windmark simulate my-rig --cameras 3",
+    "windmark study -o marker-study": "windmark study -o marker-study --steps 3 --markers 36",
 }
-"""The same with fewer frames, for time."""
+"""The same with fewer frames, cameras, markers, for time."""
 
 
 @pytest.fixture(scope="module", autouse=True)
