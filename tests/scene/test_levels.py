@@ -6,14 +6,24 @@ import pytest
 from windmark.scene.levels import clipped_level
 
 
-def picture(top):
-    levels = np.random.default_rng(1).normal(200, 30, (80, 100))
+def picture(top, sigma=30.0):
+    levels = np.random.default_rng(1).normal(200, sigma, (80, 100))
     return np.minimum(np.maximum(levels, 0), top).astype(np.uint16)
 
 
 def test_a_plateau_below_the_largest_number_is_where_it_clips():
     assert clipped_level(picture(240)) == 240
     assert clipped_level(picture(10_000)) == np.inf
+
+
+@pytest.mark.parametrize("factor", [16, 257])
+def test_levels_that_lie_several_apart_clip_only_where_they_pile_up(factor):
+    """Twelve bits in sixteen, or eight: one below the largest level there is no pixel, and a few dozen are at it."""
+    few = np.concatenate([picture(10_000, 1.0).ravel(), np.full(30, 204), np.full(25, 203)]).astype(np.uint16)
+    few = few[few <= 204]
+    assert (few == 204).sum() >= 20
+    assert clipped_level(few * np.uint16(factor)) == np.inf
+    assert clipped_level(picture(240) * np.uint16(factor)) == 240 * factor
 
 
 @pytest.mark.parametrize("levels", [np.full((40, 40), 90, np.uint8), picture(240).astype(float), np.zeros((0, 0), int)])

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 PLATEAU, STEP = 20, 5
-"""So many pixels at a picture's largest level, and so many times as many as one below, are a clipped picture."""
+"""So many pixels at a picture's largest level, and so many times as many as at the next lower one that it has, are a
+clipped picture. The next lower one: levels of a sensor of fewer bits lie several apart."""
 
 
 def clipped_level(picture: NDArray[np.generic]) -> float:
@@ -17,6 +18,8 @@ def clipped_level(picture: NDArray[np.generic]) -> float:
     if picture.dtype.kind not in "ui" or not picture.size:
         return float("inf")
     top = int(picture.max())
-    count, below = int((picture == top).sum()), int((picture == top - 1).sum())
-    piled = count >= PLATEAU and count > STEP * below
-    return float(top) if piled and count < picture.size else float("inf")
+    count = int((picture == top).sum())
+    if not PLATEAU <= count < picture.size:
+        return float("inf")
+    below = int((picture == picture[picture != top].max()).sum())
+    return float(top) if count > STEP * below else float("inf")
