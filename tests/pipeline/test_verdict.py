@@ -13,6 +13,7 @@ from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.record import FrameRecord as DeformFrame
 from windmark.pipeline.infrared.record import FrameRecord
 from windmark.pipeline.job import run_project
+from windmark.pipeline.locate import Inputs, _mirrored
 from windmark.pipeline.project import read_project
 from windmark.pipeline.psp.record import PointRecord
 from windmark.pipeline.track_results import PoseRow
@@ -27,9 +28,9 @@ from windmark.pipeline.verdict.reasons import MOVED
 from windmark.pipeline.verdict.registered import REFUSALS, refused
 from windmark.pipeline.verdict.run import run_verdict, units_findings
 from windmark.pipeline.verdict.track import track_verdict
-from windmark.registration import NotRegistered
+from windmark.registration import NotRegistered, register
 from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
-from windmark.scene import Detections, Mesh
+from windmark.scene import Detections, MarkerSet, Mesh
 from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.deform.task import Sight
 from windmark.tasks.psp.taps import TapTable
@@ -129,6 +130,27 @@ def test_a_mirrored_picture_or_table(tmp_path, tunnel, what):
         verdict = judged(tmp_path, tunnel, markers=replace(m, xyz=m.xyz * [1, 1, -1], normal=m.normal * [1, 1, -1]))
     assert (verdict.word, verdict.cause) == (BAD, "mirrored")
     assert "the picture or the table is mirrored" in verdict.reason
+
+
+def test_a_symmetric_model_under_a_grid_that_hides_it_is_not_called_mirrored(tmp_path, tunnel):
+    """Its mirror image is the table with other names, and registers without the grid, as the table does."""
+    m = tunnel.markers.take(np.flatnonzero(tunnel.markers.role == "model"))
+    half = m.take(np.flatnonzero(np.abs(m.xyz[:, 0]) > 20))
+    both = np.concatenate([half.xyz, half.xyz * [-1, 1, 1]]), np.concatenate([half.normal, half.normal * [-1, 1, 1]])
+    names = [f"{n}{s}" for s in "ab" for n in half.name.tolist()]
+    markers = MarkerSet.make(names, both[0], normal=both[1], radius=np.tile(half.radius, 2))
+    camera, pose = tunnel.cameras["cam1"], tunnel.shot("wind-off").view.cam_from_model
+    xy, ok = camera.project(pose.apply(markers.xyz))
+    seen = ok & camera.in_image(xy) & ((pose.rotate(markers.normal) * pose.apply(markers.xyz)).sum(axis=1) < 0)
+    spots = Detections.make(xy[seen], sigma_px=0.02, radius_px=3.0)
+    io.write_camera(tmp_path / "camera.json", camera)
+    io.write_markers(tmp_path / "markers.csv", markers, length_unit="mm")
+    io.write_mesh(tmp_path / "model.grid", tunnel.mesh)
+    io.write_image(tmp_path / "a.tif", np.zeros(camera.size_px[::-1], np.uint8))
+    (tmp_path / "project.toml").write_text(_PROJECT)
+    inputs = Inputs(read_project(tmp_path / "project.toml"), markers, None, {}, None)
+    assert register(spots, markers, camera)
+    assert _mirrored(spots, camera, inputs) is None
 
 
 def test_saturated_picture(tmp_path, tunnel):

@@ -139,13 +139,15 @@ def _attempt(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Cloc
 def _mirrored(found: Detections, camera: Camera, inputs: Inputs) -> NotRegistered | None:
     """The refusal that picture or table are mirrored, where the mirror image of the table is registered; else None.
 
-    Nothing less is asked of it than of the table itself, so chance is no answer. What hides a marker is unknown then.
+    Nothing less is asked of it than of the table itself, so chance is no answer. What hides a marker is unknown then;
+    where the table without that does as well, it is the grid that is wrong, and of a symmetric model both do.
     """
     assert inputs.markers is not None
     turned = np.array([-1.0, 1.0, 1.0])
     markers = replace(inputs.markers, xyz=inputs.markers.xyz * turned, normal=inputs.markers.normal * turned)
-    answer = registration.register(found, markers, camera, **{**register_options(inputs), "visible": None})
-    if not isinstance(answer, Registration):
+    bare = {**register_options(inputs), "visible": None}
+    answer = registration.register(found, markers, camera, **bare)
+    if not isinstance(answer, Registration) or registration.register(found, inputs.markers, camera, **bare):
         return None
     reason = (
         f"the mirror image of the table explains the spots ({len(answer.matching)} of {answer.n_expected} markers in "
