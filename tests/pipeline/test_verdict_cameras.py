@@ -65,6 +65,15 @@ def test_a_camera_that_is_a_little_off_is_told_by_what_it_does_to_the_pose(seen,
     assert "of its sigmas" in found.reason
 
 
+def test_a_pose_of_which_a_direction_is_known_exactly_has_a_step_in_sigmas_too(seen):
+    """Turns and shifts that are one motion: their covariance has no factor."""
+    got = answer(seen, cx=13.0)
+    one = np.array([0.001, 0.0, 0.0, 0.0, 1.0, 0.0])
+    cov = got.cov.copy()
+    cov[:6, :6] = np.diag([0.0, 1e-6, 1e-6, 1.0, 0.0, 1.0]) + np.outer(one, one)
+    assert np.isfinite(other_interior(replace(got, cov=cov), spot_px(got, seen[1])).sigmas)
+
+
 def test_markers_scattered_off_their_table_have_no_such_pattern(seen):
     camera, spots, markers = seen
     leads = []

@@ -46,7 +46,7 @@ def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
     _, _, by_xyz, by_camera = cam.project_jacobian(xyz)
     columns = [PARAMETERS.index(p) for p in INTERIOR]
     inner = by_camera[..., columns].reshape(2 * k, len(INTERIOR)) * _prior(answer)
-    pose = np.concatenate([by_xyz @ -hat(xyz), by_xyz], axis=-1).reshape(2 * k, 6)
+    pose = by_pose(by_xyz, xyz).reshape(2 * k, 6)
     size = np.linalg.norm(pose, axis=0)
     basis, upper = np.linalg.qr(pose / size, mode="complete")
     r = -answer.residuals.reshape(2 * k)  # observed - projected
@@ -63,9 +63,23 @@ def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
     # The likeliest interior in units of its prior; the pose gives way to it where both move the image alike.
     change = right.T @ (value / (value**2 + spot_px**2) * (left.T @ free)[: len(value)])
     step = -np.linalg.solve(upper[:6], basis[:, :6].T @ (inner @ change)) / size
-    root = np.linalg.cholesky(answer.cov[:6, :6])
-    sigmas = float(np.sqrt((np.linalg.solve(root, step) ** 2).mean()))
-    return OtherInterior(evidence(1.0) - evidence(0.0), float(np.linalg.norm(step[3:])), sigmas)
+    return OtherInterior(evidence(1.0) - evidence(0.0), float(np.linalg.norm(step[3:])), _in_sigmas(step, answer))
+
+
+def by_pose(by_xyz: Array, xyz: Array) -> Array:
+    """(N, 2, 6) image by turns and shifts of the pose, from those by places (N, 3) in the camera's frame."""
+    return np.concatenate([by_xyz @ -hat(xyz), by_xyz], axis=-1)
+
+
+def _in_sigmas(step: Array, answer: Registration) -> float:
+    """A step (6,) of the pose in its stated sigmas, root mean square; directions that are known exactly do not count.
+
+    Turns and shifts may be all but one motion: their correlations are taken apart, which a factor need not survive.
+    """
+    sigma = np.sqrt(np.diagonal(answer.cov)[:6])
+    value, axes = np.linalg.eigh(answer.cov[:6, :6] / np.outer(sigma, sigma))
+    told = value > len(value) * np.finfo(float).eps * value.max()
+    return float(np.sqrt(((axes.T @ (step / sigma))[told] ** 2 / value[told]).mean()))
 
 
 def _prior(answer: Registration) -> Array:

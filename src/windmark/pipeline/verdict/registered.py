@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from windmark.errors import g1, g2
 from windmark.geometry import Pose
-from windmark.geometry.rotations import hat
 from windmark.pipeline.verdict import rules
-from windmark.pipeline.verdict.lens import other_interior
-from windmark.pipeline.verdict.reasons import MOVED, told_by
+from windmark.pipeline.verdict.lens import by_pose, other_interior
+from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.registration import NotRegistered, Registration
 from windmark.registration.task import MIN_COUNT
@@ -88,8 +87,8 @@ def refused(no: NotRegistered, count: int) -> Finding:
     cause, step = REFUSALS[no.cause]
     if no.cause == "too_few" and count < MIN_COUNT:
         step = "give the table more markers, or let other roles of it take part ([markers] roles)"
-    placed = any(words in no.reason for words in MOVED) and (told_by(no.reason) or ("",))[0] == "moved"
-    if no.cause == "wrong_camera" and placed:
+    told = told_by(no.reason)
+    if no.cause == "wrong_camera" and told is not None and told[0] == "moved":
         cause, step = "moved", "find the cameras' places anew (windmark calibrate), or register them without the rig"
     return Finding(BAD, cause, f"not registered: {no.reason}", step)
 
@@ -147,9 +146,8 @@ def _misfit(seen: Sighting, answer: Registration) -> list[Finding]:
     times = f"{each / spot:.0f} times their spots' sigma of {g2(spot)} px"
     residuals = f"residuals of {g2(each)} px per coordinate, {times}"
     other = other_interior(answer, spot)
-    # What moves the surface by less than `PLACE_PX` matters where it moves the camera by more than is stated.
-    told = other.lead > rules.LENS_NATS
-    if told and (answer.excess_px >= rules.PLACE_PX or other.sigmas > rules.CAMERA_SIGMAS):
+    # However small: what moves the surface by less than `PLACE_PX` may move the camera by many of its sigmas.
+    if other.lead > rules.LENS_NATS:
         there = f"; with one that fits the camera may stand some {g1(other.shift)} {seen.unit} elsewhere"
         times = f", {g2(other.sigmas)} of its sigmas" if other.sigmas > 1 else ""
         return [
@@ -269,9 +267,8 @@ def _projected_sigma(answer: Registration, xyz: Array) -> Array:
     some = xyz[:: max(1, len(xyz) // 2000)]
     place = answer.cam_from_model.apply(some)
     _, valid, by_xyz, _ = answer.camera.project_jacobian(place)
-    by_pose = np.concatenate([by_xyz @ -hat(place), by_xyz], axis=-1)[valid]
-    cov = answer.cov[:6, :6]
-    return np.sqrt(np.einsum("nij,jk,nik->n", by_pose, cov, by_pose) / 2)
+    moved, cov = by_pose(by_xyz, place)[valid], answer.cov[:6, :6]
+    return np.sqrt(np.einsum("nij,jk,nik->n", moved, cov, moved) / 2)
 
 
 def spot_px(answer: Registration, spots: Detections) -> float:

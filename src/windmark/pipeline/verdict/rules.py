@@ -29,8 +29,6 @@ LENS_EDGE = 0.003
 """1 sigma of a lens that was calibrated elsewhere: shift of the picture's corner over its distance from the centre."""
 FOCAL_OFF = 0.01
 """1 sigma of the focal length (as part of itself) and of the principal point (of the picture's width) of that lens."""
-CAMERA_SIGMAS = 3.0
-"""Stated sigmas (root mean square over the pose) by which another interior must move the camera to be said."""
 LEFT_OUT = 0.1
 """Part of the marks of a network, or of its pictures where that is more than one, that were left out."""
 HALVES = 2.0
