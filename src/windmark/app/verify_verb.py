@@ -53,15 +53,15 @@ def verify(windmark: Any, folder: Path, keep: Path | None, as_json: bool) -> Non
             results_again(folder, target, found)
     if refusal is not None and not manifest.get("refused"):
         console.refuse(f"the run that gave this result is refused now: {refusal}", as_json, _record(found, folder))
-    stored = _stored_verdict(folder)
-    verdict = stored if found.repeated else compared(found)
-    lines = _lines(found, folder, manifest, verdict)
-    if not found.repeated and as_json:
-        record = _record(found, folder)
-        console.refuse("the result cannot be had again", True, {**record, "verdict": compared(found).record()})
-    console.answer(_record(found, folder), as_json, lines)
-    if not found.repeated:
-        raise console.exit_with(console.DATA_SAY_NO)
+    record = _record(found, folder)
+    if found.repeated:
+        console.answer(record, as_json, _lines(found, folder, manifest, _stored_verdict(folder)))
+        return
+    verdict = compared(found)
+    if as_json:
+        console.refuse("the result cannot be had again", True, {**record, "verdict": verdict.record()})
+    console.answer(record, False, _lines(found, folder, manifest, verdict))
+    raise console.exit_with(console.DATA_SAY_NO)
 
 
 def _again(words: list[str]) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -237,11 +237,7 @@ def _difference(d: Array, variance: Array) -> tuple[float, float]:
 
 def _systematic(value: Array, variance: Array, well: Mask) -> float:
     """The part s of the value for which the median of d^2 / (var + 2 s^2 V^2) is that of noise; NaN with no overlap."""
-    parts = []
-    for a, b in combinations(range(len(value)), 2):
-        both = well[a] & well[b]
-        d, mean = value[a, both] - value[b, both], 0.5 * (value[a, both] + value[b, both])
-        parts.append(np.stack([d**2, variance[a, both] + variance[b, both], 2 * mean**2]))
+    parts = [np.stack(pair) for _, _, *pair in _pairs(value, variance, well)]
     if not parts or not sum(p.shape[1] for p in parts):
         return float("nan")
     square, var, size = np.concatenate(parts, axis=1)
@@ -258,20 +254,25 @@ def _systematic(value: Array, variance: Array, well: Mask) -> float:
     return 0.5 * (low + high)
 
 
+def _pairs(value: Array, variance: Array, well: Mask) -> Iterator[tuple[int, int, Array, Array, Array]]:
+    """Of each two cameras, on the nodes that both see well: d^2, its variance, and twice the square of their mean."""
+    for a, b in combinations(range(len(value)), 2):
+        both = well[a] & well[b]
+        d, mean = value[a, both] - value[b, both], 0.5 * (value[a, both] + value[b, both])
+        yield a, b, d**2, variance[a, both] + variance[b, both], 2 * mean**2
+
+
 def _apart(
     names: Sequence[str], value: Array, variance: Array, well: Mask, systematic: float
 ) -> tuple[CamerasApart, ...]:
     """Each two cameras with common nodes; ``value``, ``variance`` (C, N) as calibrated."""
     out = []
-    for a, b in combinations(range(len(value)), 2):
-        both = well[a] & well[b]
-        if both.sum() < LEAST:
+    for a, b, square, var, size in _pairs(value, variance, well):
+        if len(square) < LEAST:
             continue
-        square, var = (value[a, both] - value[b, both]) ** 2, variance[a, both] + variance[b, both]
-        mean = 0.5 * (value[a, both] + value[b, both])
-        least = 1e-12 * mean**2
+        least = 5e-13 * size
         typical = float(np.sqrt(np.median(square / np.maximum(var, least)) / _MEDIAN))
-        far = square > FAR**2 * np.maximum(var + 2 * (systematic * mean) ** 2, least)
+        far = square > FAR**2 * np.maximum(var + systematic**2 * size, least)
         out.append(CamerasApart(names[a], names[b], typical, float(far.mean())))
     return tuple(out)
 

@@ -170,12 +170,10 @@ def _list(names: list[str]) -> str:
 def _volumes(content: FolderContent, choice: Choice) -> list[str]:
     """The parts that the marker table names."""
     lines = ['# The model\'s parts. One that hangs at another one: parent = "...".']
-    markers = content.markers.get(choice.markers) if choice.markers is not None else None
     names = parts_of(content, choice)
     for name in names:
         lines += ["[[volume]]", f"name = {quoted(name)}", _LAW]
-        ends = None if markers is None else ends_of(markers, name)
-        if ends is not None:
+        if (ends := ends_of(content.markers[choice.markers], name)) is not None:  # type: ignore[index]
             root, tip = ([round(float(v), 3) for v in end] for end in ends)
             lines += [f"# options = {{ root = {root}, tip = {tip} }}   # {_ENDS}"]
         lines += [""]

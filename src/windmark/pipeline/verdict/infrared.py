@@ -46,27 +46,7 @@ def infrared_verdict(records: Sequence[FrameRecord], remarks: Sequence[str] = ()
                 "say the unit of the camera's numbers; give emissivity and surroundings with their sigma",
             )
         )
-    flux = [(abs(r.median_q), r.median_sigma_q) for r in good if np.isfinite(r.median_q)]
-    if flux and middle([s for _, s in flux]) > max(q for q, _ in flux):
-        found.append(
-            Finding(
-                DOUBTFUL,
-                "weak",
-                f"heat fluxes are known to {g2(middle([s for _, s in flux]))} W/m² (median, 1 sigma), which is more "
-                "than they are",
-                "take more frames a second, or a longer run; the report says what leaves them open",
-            )
-        )
-    flagged = [r.flagged for r in good if np.isfinite(r.flagged)]
-    if flagged and middle(flagged) > rules.SOME:
-        found.append(
-            Finding(
-                DOUBTFUL,
-                "weak",
-                f"{100 * middle(flagged):.0f} % of the heat fluxes are flagged (late, lateral, curved)",
-                "a shorter test, or the wall's true layers",
-            )
-        )
+    found += _flux(good)
     step = "check each camera's black bodies, emissivity and shutter (NUC)"
     found += apart_findings([r.apart for r in good], "temperatures of", step, "dirt", "frames")
     if remarks:
@@ -78,3 +58,18 @@ def infrared_verdict(records: Sequence[FrameRecord], remarks: Sequence[str] = ()
         "their sigmas as given)",
         "use the fields with their sigmas",
     )
+
+
+def _flux(good: Sequence[FrameRecord]) -> list[Finding]:
+    """Heat fluxes that are not known, or flagged."""
+    out = []
+    known = [r for r in good if np.isfinite(r.median_q)]
+    sigma = middle([r.median_sigma_q for r in known])
+    if known and sigma > max(abs(r.median_q) for r in known):
+        words = f"heat fluxes are known to {g2(sigma)} W/m² (median, 1 sigma), which is more than they are"
+        step = "take more frames a second, or a longer run; the report says what leaves them open"
+        out.append(Finding(DOUBTFUL, "weak", words, step))
+    if (flagged := middle([r.flagged for r in good])) > rules.SOME:
+        words = f"{100 * flagged:.0f} % of the heat fluxes are flagged (late, lateral, curved)"
+        out.append(Finding(DOUBTFUL, "weak", words, "a shorter test, or the wall's true layers"))
+    return out
