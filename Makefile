@@ -3,9 +3,10 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := windmark-demo
-# Two processes halve the wait on two cores. Each takes whole files, so that what the tests of one share is made once.
+# Two processes halve the wait on two cores. Each takes whole files, so that what the tests of one share is made once;
+# in the order of their names: whole jobs (tests/app) come early, and no long file is left to one process at the end.
 TEST_PROCESSES ?= 2
-PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile
+PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
 
 # Hundreds of commands are started: compiled once, not by each of them, whatever the machine has set.
 unexport PYTHONDONTWRITEBYTECODE

@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import contextlib
 import os
 import shutil
 import signal
@@ -108,9 +109,31 @@ def made_once(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def virtual_test(tmp_path_factory):
+def coarse_grids():
+    """``with coarse_grids():`` the virtual models' grids have a third of their nodes: nothing that is tried needs more,
+    and jobs take two thirds of their time.
+    """
+    from windmark.synth.wing import HalfModel
+
+    whole = HalfModel.patches
+
+    def patches(self, nodes=60_000):
+        return whole(self, nodes if nodes < 20_000 else round(nodes / 3))
+
+    @contextlib.contextmanager
+    def context():
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(HalfModel, "patches", patches)
+            yield
+
+    return context
+
+
+@pytest.fixture(scope="session")
+def virtual_test(tmp_path_factory, coarse_grids):
     """The default virtual test as files, and the test itself: (folder, TunnelTest). Not to be written into."""
     from windmark.pipeline.simulate import simulate
 
     folder: Path = tmp_path_factory.mktemp("virtual-test")
-    return folder, simulate(folder, seed=3)
+    with coarse_grids():
+        return folder, simulate(folder, seed=3)

@@ -36,9 +36,9 @@ def windmark():
 
 
 @pytest.fixture(scope="module", autouse=True)  # other folders' tests may be next in the same process
-def quick_pictures():
+def quick_pictures(coarse_grids):
     """Outlines in simulated pictures of 5 x 5 rays a pixel instead of 11 x 11: nothing in these tests is as fine."""
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, coarse_grids():
         patch.setitem(render.__kwdefaults__, "subpixels", 5)
         yield
 

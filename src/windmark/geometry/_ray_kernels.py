@@ -42,6 +42,14 @@ def pixel_rays(from_pixels: Array, camera: Array, max_s: float, plain: bool, fir
 
 
 @nb.njit(cache=True, nogil=True)
+def undistort_points(camera: Array, distorted: Array, ideal: Array) -> None:
+    """Ideal points (N, 2) of distorted ones (N, 2), NaN where Newton's method finds none from there."""
+    for n in range(len(distorted)):
+        q, r = distorted[n, 0], distorted[n, 1]
+        ideal[n, 0], ideal[n, 1] = _undistort(camera, camera[11], q, r, q, r)
+
+
+@nb.njit(cache=True, nogil=True)
 def _undistort(camera: Array, max_s: float, q: float, r: float, u: float, v: float) -> tuple[float, float]:
     """The ideal point of the distorted point (q, r), started at (u, v); NaN where not found."""
     for _ in range(20):

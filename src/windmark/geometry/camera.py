@@ -180,7 +180,7 @@ class Camera:
         """
         p = _points(xy, 2, "unproject")
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            ideal = undistort(self._from_pixels(p), self._lens())
+            ideal = self._ideal(self._from_pixels(p))
         return np.concatenate([ideal, np.where(np.isnan(ideal[..., :1]), np.nan, 1.0)], axis=-1)
 
     def directions(self, xy: ArrayLike) -> Array:
@@ -204,6 +204,21 @@ class Camera:
         return np.asarray(inside.all(axis=-1))
 
     # --- parts ---------------------------------------------------------------------------
+    def _ideal(self, distorted: Array) -> Array:
+        """`undistort`: in a kernel, a few points take NumPy a millisecond; with care where that finds nothing."""
+        lens = self._lens()
+        if lens.none or lens.kind == FISHEYE:
+            return undistort(distorted, lens)
+        from windmark.geometry._ray_kernels import undistort_points
+
+        q = np.ascontiguousarray(distorted.reshape(-1, 2))
+        ideal = np.empty_like(q)
+        undistort_points(self._packed, q, ideal)
+        lost = np.isnan(ideal[:, 0]) & np.isfinite(q).all(axis=1)
+        if lost.any():
+            ideal[lost] = undistort(q[lost], lens)
+        return ideal.reshape(distorted.shape)
+
     def _lens(self) -> Lens:
         kind = LENSES.index(self.lens)
         return Lens(self.k1, self.k2, self.p1, self.p2, self.k3, self.k4, self.k5, self.k6, kind)

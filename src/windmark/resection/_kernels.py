@@ -110,7 +110,7 @@ def first_hits(cam: Array, triangles: Ints, rays: Array, order: NDArray[np.int64
             continue
         eb, ec = _cross(c, a), _cross(a, b)
         if det < 0.0:
-            ea, eb, ec = _negative(ea), _negative(eb), _negative(ec)
+            ea, eb, ec = (-ea[0], -ea[1], -ea[2]), (-eb[0], -eb[1], -eb[2]), (-ec[0], -ec[1], -ec[2])
         na, nb_, nc = _size(a), _size(b), _size(c)
         slack = (_SLACK * nb_ * nc, _SLACK * nc * na, _SLACK * na * nb_)
         for row in range(r0, r1 + 1):
@@ -189,11 +189,6 @@ def _inside(wa: float, wb: float, wc: float) -> tuple[float, float]:
 def _cross(a: Floats3, b: Floats3) -> Floats3:
     # cross(a, b) and cross(b, a) are exact negatives: neighbours agree on their common edge.
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@nb.njit(cache=True, nogil=True)
-def _negative(a: Floats3) -> Floats3:
-    return -a[0], -a[1], -a[2]
 
 
 @nb.njit(cache=True, nogil=True)

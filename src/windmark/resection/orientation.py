@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
+from windmark.geometry.rays import pixel_rays
 from windmark.resection.casting import cast, single_pose, to_camera_frame
 from windmark.resection.chains import weld
 from windmark.resection.visibility import checked_tolerance
@@ -107,17 +108,26 @@ def _seen_side(mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], cameras: Sequ
     votes = np.zeros(int(sheet.max()) + 1)
     for camera, cam_from_model in cameras:
         pose = single_pose(cam_from_model, "orient_outward")
-        width, height = camera.size_px
-        step = max(1, int(np.ceil(np.sqrt(width * height / _RAYS))))
-        column, row = np.meshgrid(np.arange(step // 2, width, step), np.arange(step // 2, height, step))
-        rays = camera.unproject(np.stack([column.ravel(), row.ravel()], axis=1).astype(float))
+        rays = _sample_rays(camera)
         corners = to_camera_frame(pose, mesh.vertices)
-        hit = cast(corners, mesh.triangles, np.ascontiguousarray(rays[:, :2])).triangle
-        met = hit[hit >= 0]
+        hit = cast(corners, mesh.triangles, rays).triangle
+        met, (u, v) = hit[hit >= 0], rays[hit >= 0].T
         a, b, c = (corners[mesh.triangles[met, k]] for k in range(3))
-        front = -np.sign(np.einsum("nk,nk->n", np.cross(b - a, c - a), rays[hit >= 0]))
+        normal = np.cross(b - a, c - a)
+        front = -np.sign(normal[:, 0] * u + normal[:, 1] * v + normal[:, 2])
         votes += np.bincount(sheet[met], weights=np.where(turned[met], -front, front), minlength=len(votes))
     return votes
+
+
+def _sample_rays(camera: Camera) -> Array:
+    """(N, 2) rays of evenly spread pixels, at most about `_RAYS`: those of a camera with so many fewer pixels."""
+    width, height = camera.size_px
+    step = max(1, int(np.ceil(np.sqrt(width * height / _RAYS))))
+    first = step // 2
+    size = (max(1, -(-(width - first) // step)), max(1, -(-(height - first) // step)))
+    thin = replace(camera, size_px=size, focal_px=camera.focal_px / step, cx=(camera.cx - first) / step,
+                   cy=(camera.cy - first) / step)  # fmt: skip
+    return pixel_rays(thin, 0, size[1]).reshape(-1, 2)
 
 
 def _surrounding(mesh: Mesh, number: Ints, sheet: Ints, turned: NDArray[np.bool_]) -> tuple[int, bool] | None:
