@@ -170,7 +170,7 @@ def merge_cameras(
     calibrated = tuple(f.applied(f.value / g, 1 / g) for f, g in zip(fields, factor, strict=True))
     value, variance = value / factor[:, None], variance / factor[:, None] ** 2
     systematic = _systematic(value, variance, well)
-    apart = _apart(names, value, variance, well, systematic)
+    apart = cameras_apart(names, value, variance, well, systematic)
     return _merged(calibrated, tuple(names), value, variance, taper, factor, cov, systematic, overlap, apart)
 
 
@@ -262,10 +262,18 @@ def _pairs(value: Array, variance: Array, well: Mask) -> Iterator[tuple[int, int
         yield a, b, d**2, variance[a, both] + variance[b, both], 2 * mean**2
 
 
-def _apart(
+def cameras_apart(
     names: Sequence[str], value: Array, variance: Array, well: Mask, systematic: float
 ) -> tuple[CamerasApart, ...]:
-    """Each two cameras with common nodes; ``value``, ``variance`` (C, N) as calibrated."""
+    """How far each two cameras with common nodes are apart.
+
+    Parameters
+    ----------
+    names : (C,)
+    value, variance : (C, N) as calibrated, gains taken off
+    well : (C, N) nodes that a camera sees well
+    systematic : part of the value by which cameras differ everywhere beyond their variances, one sigma of one camera
+    """
     out = []
     for a, b, square, var, size in _pairs(value, variance, well):
         if len(square) < LEAST:

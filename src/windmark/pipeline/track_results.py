@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose, PoV
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.lens import OtherInterior, other_interior
 from windmark.registration import Registration, Unchecked
 from windmark.scene import Detections, MarkerSet
 from windmark.tasks.follow import FollowedFrame
@@ -32,6 +34,8 @@ class PoseRow:
     unchecked : what the image cannot tell, of those that were registered without help
     excess_px, off_table : of the registration; ``spot_px`` is the median sigma of its spots, ``bent_px`` the largest
         shift of a marker by a deformation
+    fields_px : how far rows of odd number are from those of even number, see `FollowedFrame`
+    other : what another interior of the camera would do, where the residuals are more than the spots' noise
     blur_px, radius_px : how blurred the spots are, and their median radius, see `FollowedFrame`
     """
 
@@ -57,6 +61,8 @@ class PoseRow:
     bent_px: float = 0.0
     blur_px: float = np.nan
     radius_px: float = np.nan
+    fields_px: float = 0.0
+    other: OtherInterior = field(default_factory=OtherInterior)
 
     @staticmethod
     def of(frame: FollowedFrame) -> PoseRow:
@@ -71,11 +77,14 @@ class PoseRow:
         xy = frame.detections.xy[answer.matching.detection]
         matches = (answer.matching.marker, np.concatenate([xy, answer.residuals], axis=1))
         pov, sigma = pov_with_sigma(answer.cam_from_model, answer.cov)
+        spot = spot_sigma(frame.detections, answer)
+        misfits = answer.excess_px > rules.NOISE_TIMES * spot
         return PoseRow(
             *common, len(answer.matching), answer.n_expected, answer.rms_px, pov, sigma, answer.cam_from_model, matches,
-            frame.time_s, answer.unchecked, answer.excess_px, spot_sigma(frame.detections, answer), answer.off_table,
+            frame.time_s, answer.unchecked, answer.excess_px, spot, answer.off_table,
             0.0 if answer.deformation is None else answer.deformation.largest_px,
             frame.blur_px, float(np.median(frame.detections.radius_px[answer.matching.detection])),
+            frame.fields_px, other_interior(answer, spot) if misfits else OtherInterior(),
         )  # fmt: skip
 
 

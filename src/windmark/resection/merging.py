@@ -71,6 +71,7 @@ class MergedViews:
     values, sigmas : (C, V) of every picture by itself, gains applied; NaN where it has none
     gains : relative gains
     seams : steps where one picture takes over from another
+    well : (C, V) nodes that a picture sees well enough to be compared with others
     left_out : pictures that do not take part, with the reason
     """
 
@@ -82,6 +83,7 @@ class MergedViews:
     sigmas: Array
     gains: Gains
     seams: Seams
+    well: NDArray[np.bool_]
     left_out: Mapping[str, str]
     options: Mapping[str, Any] = field(default_factory=dict)
     _sources: tuple[Prepared, ...] = field(default=(), repr=False)
@@ -204,8 +206,9 @@ def merge_views(
         return NotMerged(_too_few([s.source.picture.name for s in shown], left), left)
     names = [s.source.picture.name for s in shown]
     value, variance, weight = _stacked([s.taken for s in shown])
+    well = np.stack([s.taken.taper > WELL for s in shown]) & np.isfinite(value)
     gains = overlap_gains(
-        value, variance, np.stack([s.taken.taper > WELL for s in shown]), _regions(mesh),
+        value, variance, well, _regions(mesh),
         reference=names.index(reference) if reference in names else None, offset=offset, estimate=gain == "overlap",
     )  # fmt: skip
     keep = np.flatnonzero(gains.linked)
@@ -220,15 +223,15 @@ def merge_views(
             why = "; ".join(f"{name} {reason}" for name, reason in left.items())
             return NotMerged(f"the pictures do not overlap: {others} stands alone; {why}", left)
         shown, gains = [shown[k] for k in keep], _part(gains, keep)
-        value, variance, weight = value[keep], variance[keep], weight[keep]
+        value, variance, weight, well = value[keep], variance[keep], weight[keep], well[keep]
     nodes, own, own_variance = _combined(value, variance, weight, gains)
     by_gain = gains.cov[: len(shown), : len(shown)] / np.outer(gains.gain, gains.gain)
     sound = np.stack([s.taken.taper > SOUND for s in shown])
     seams = find_seams(mesh.triangles, nodes.source, own, own_variance, sound, by_gain)
     kept = tuple(s.source.picture.name for s in shown)
     return MergedViews(
-        mesh, kept, nodes, tuple(s.view for s in shown), own, np.sqrt(own_variance), gains, seams, left,
-        {**options, "reference": kept[gains.reference]}, tuple(s.source for s in shown),
+        mesh, kept, nodes, tuple(s.view for s in shown), own, np.sqrt(own_variance), gains, seams, well,
+        left, {**options, "reference": kept[gains.reference]}, tuple(s.source for s in shown),
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark import detection
 from windmark.compiling import working_time
+from windmark.detection.fields import field_shift
 from windmark.errors import DataError, UsageError, WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
@@ -73,6 +74,7 @@ class FollowedFrame:
     detections, registration : the spots, and what they gave; None for an image that cannot be read
     seconds : wall time, reading included
     blur_px : how blurred its spots are, 1 sigma of a Gaussian; NaN where they were not looked for near a prediction
+    fields_px : how far its rows of odd number are from those of even number, see `FieldShift.sure_px`
     time_s : when it was taken by its recording's clock, NaN where unknown
     """
 
@@ -88,6 +90,7 @@ class FollowedFrame:
     seconds: float = 0.0
     time_s: float = np.nan
     blur_px: float = np.nan
+    fields_px: float = 0.0
 
     @property
     def registered(self) -> Registration | None:
@@ -189,12 +192,16 @@ class _Follower:
             if not tried:
                 return self._lost(index, name, instant, dt, "no radius prevails among the spots", start)
             spots, (answer, self._state) = tried
+        fields = 0.0
         if isinstance(answer, Registration):
-            self._last = len(answer.matching), float(np.median(spots.radius_px[answer.matching.detection]))
+            mine = answer.matching.detection
+            self._last = len(mine), float(np.median(spots.radius_px[mine]))
+            fields = field_shift(image, spots.xy[mine], self._last[1]).sure_px
         state = self._state
         return FollowedFrame(
             index, name, instant, state.status, state.reason, near, self._polarity, spots, answer,
             working_time() - start, blur_px=self._known.frame.blur_px if near and self._known else np.nan,
+            fields_px=fields,
         )  # fmt: skip
 
     def _read(self, item: Any) -> Image:

@@ -8,7 +8,7 @@ from windmark.errors import g1, g2
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.doubts import as_finding
-from windmark.pipeline.verdict.picture import series_blur
+from windmark.pipeline.verdict.picture import series_blur, series_fields
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 
@@ -20,6 +20,7 @@ def followed_findings(instants: Sequence[Followed], unit: str) -> list[Finding]:
         *_cameras(instants),
         *_odd_markers(instants, unit),
         *series_blur((name, s.blur_px, s.radius_px) for at in instants for name, s in at.cameras.items()),
+        *series_fields((name, s.fields_px) for at in instants for name, s in at.cameras.items()),
     ]
 
 

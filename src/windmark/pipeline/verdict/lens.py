@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g1, g2
 from windmark.geometry import PARAMETERS
 from windmark.geometry.rotations import hat
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 from windmark.registration import Registration
 
 Array = NDArray[np.float64]
@@ -31,6 +33,17 @@ class OtherInterior:
     lead: float = 0.0
     shift: float = 0.0
     sigmas: float = 0.0
+
+    def said(self, residuals: str, unit: str) -> Finding:
+        """As a doubt about the camera, of ``residuals`` in words."""
+        there = f"; with one that fits the camera may stand some {g1(self.shift)} {unit} elsewhere"
+        times = f", {g2(self.sigmas)} of its sigmas" if self.sigmas > 1 else ""
+        return Finding(
+            DOUBTFUL, "lens",
+            f"{residuals}, have the pattern of another lens, focal length or principal point "
+            f"({self.lead:.0f} nats ahead of scattered markers){there}{times}",
+            "calibrate the camera (windmark calibrate), and check that the file is this camera's",
+        )  # fmt: skip
 
 
 def other_interior(answer: Registration, spot_px: float) -> OtherInterior:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.fields import field_shift
 from windmark.detection.template.crlb import bound_factor
 from windmark.errors import g2
 from windmark.pipeline.blur import spot_blur
@@ -28,6 +29,7 @@ class PictureState:
     costs : best possible sigma of their centres over that of the same discs in a sharp picture; NaN likewise
     saturated : part of its pixels at the highest level; 0 unless it is clipped there
     level : that level
+    fields_px : how far its markers are apart in rows of odd and of even number, see `FieldShift.sure_px`
     """
 
     blur_px: float
@@ -35,6 +37,7 @@ class PictureState:
     costs: float
     saturated: float
     level: float
+    fields_px: float = 0.0
 
 
 def picture_state(image: NDArray[np.generic], spots: Detections | None, polarity: str) -> PictureState:
@@ -44,9 +47,9 @@ def picture_state(image: NDArray[np.generic], spots: Detections | None, polarity
     if spots is None:
         return PictureState(np.nan, np.nan, np.nan, saturated, level)
     blur, size = spot_blur(grey, spots, polarity)
-    if np.isnan(blur):
-        return PictureState(np.nan, size, np.nan, saturated, level)
-    return PictureState(blur, size, blur_costs(blur, size), saturated, level)
+    fields = field_shift(grey, spots.xy, size).sure_px if size > 0 else 0.0
+    costs = blur_costs(blur, size) if np.isfinite(blur) else np.nan
+    return PictureState(blur, size, costs, saturated, level, fields)
 
 
 def blur_costs(blur_px: float, radius_px: float) -> float:
@@ -77,6 +80,8 @@ def picture_findings(state: PictureState) -> list[Finding]:
         )
     if state.costs > rules.BLUR_COSTS:
         out.append(_blurred("the picture is", state.blur_px, state.radius_px, state.costs))
+    if state.fields_px > rules.PLACE_PX:
+        out.append(_interlaced("the picture is", state.fields_px))
     return out
 
 
@@ -100,6 +105,35 @@ def series_blur(sights: Iterable[tuple[str, float, float]]) -> list[Finding]:
         if (costs := blur_costs(blur, size)) > rules.BLUR_COSTS:
             out.append(_blurred(f"pictures of {camera} are" if camera else "pictures are", blur, size, costs))
     return sorted(out, key=lambda f: f.reason)
+
+
+def series_fields(sights: Iterable[tuple[str, float]]) -> list[Finding]:
+    """Cameras of which more than some of the pictures are of two fields.
+
+    Parameters
+    ----------
+    sights : camera, and how far its markers are apart in the two fields, px, of every picture
+    """
+    of: dict[str, list[float]] = {}
+    for camera, apart in sights:
+        of.setdefault(camera, []).append(apart)
+    out = []
+    for camera, every in of.items():
+        far = [px for px in every if px > rules.PLACE_PX]
+        if len(far) > rules.SOME * len(every):
+            what = f"{len(far)} of {len(every)} pictures{f' of {camera}' if camera else ''} are"
+            out.append(_interlaced(what, max(far)))
+    return sorted(out, key=lambda f: f.reason)
+
+
+def _interlaced(what: str, apart_px: float) -> Finding:
+    return Finding(
+        DOUBTFUL,
+        "interlaced",
+        f"{what} interlaced: rows of odd number show the markers up to {g2(apart_px)} px from where those of even "
+        "number do",
+        "expose both fields at once: progressive scan, or a flash",
+    )
 
 
 def _blurred(what: str, blur_px: float, radius_px: float, costs: float) -> Finding:

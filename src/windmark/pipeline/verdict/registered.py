@@ -148,16 +148,7 @@ def _misfit(seen: Sighting, answer: Registration) -> list[Finding]:
     other = other_interior(answer, spot)
     # However small: what moves the surface by less than `PLACE_PX` may move the camera by many of its sigmas.
     if other.lead > rules.LENS_NATS:
-        there = f"; with one that fits the camera may stand some {g1(other.shift)} {seen.unit} elsewhere"
-        times = f", {g2(other.sigmas)} of its sigmas" if other.sigmas > 1 else ""
-        return [
-            Finding(
-                DOUBTFUL, "lens",
-                f"{residuals}, have the pattern of another lens, focal length or principal point "
-                f"({other.lead:.0f} nats ahead of scattered markers){there}{times}",
-                "calibrate the camera (windmark calibrate), and check that the file is this camera's",
-            )
-        ]  # fmt: skip
+        return [other.said(residuals, seen.unit)]
     if answer.excess_px < rules.PLACE_PX:
         return []
     return [

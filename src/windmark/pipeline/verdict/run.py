@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from windmark.errors import g3
+from windmark.paint.cameras import cameras_apart
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
 from windmark.pipeline.verdict.registered import Sighting, registered_findings, spot_px, what_is_left
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
-from windmark.resection import NotMerged
+from windmark.resection import MergedViews, NotMerged
 from windmark.scene import MarkerSet, Mesh
 
 
@@ -35,7 +39,17 @@ def run_verdict(result: RunResult) -> Verdict:
                     group.folder,
                 )
             )
+    found += _contradicted([group.merged for group in result.merged if group.merged is not None])
     return Verdict.of(found, len(result.images), *_good(result))
+
+
+def _contradicted(merged: Sequence[MergedViews]) -> list[Finding]:
+    """Pictures whose values are not those of one surface: another curve of grey levels, light that went off."""
+    return apart_findings(
+        [cameras_apart(m.names, m.values, m.sigmas**2, m.well, m.gains.systematic) for m in merged], "values of",
+        "check exposure, black level and gamma of each camera", "light that went off, oil or dirt",
+        "points" if len(merged) > 1 else "",
+    )  # fmt: skip
 
 
 def _missing(said: str) -> Finding:

@@ -9,7 +9,7 @@ import numpy as np
 from windmark.errors import g1, g2
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
-from windmark.pipeline.verdict.picture import series_blur
+from windmark.pipeline.verdict.picture import series_blur, series_fields
 from windmark.pipeline.verdict.registered import what_is_left
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding, Verdict
@@ -24,8 +24,9 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
             "no match", f"no image gave a pose; the first: {reason}", "run windmark register on one image first"
         )
     found = lost_findings([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
-    found += [*_off_table(good, unit), *_bent(good)]
+    found += [*_misfit(good, unit), *_bent(good)]
     found += series_blur(("", r.blur_px, r.radius_px) for r in good)
+    found += series_fields(("", r.fields_px) for r in good)
     found += [*_few(good), *_missing(good)]
     rms, excess, spot = (middle([getattr(r, k) for r in good]) for k in ("rms_px", "excess_px", "spot_px"))
     beyond = excess if excess > rules.NOISE_TIMES * spot else 0.0
@@ -37,10 +38,18 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
     )
 
 
-def _off_table(good: Sequence[PoseRow], unit: str) -> list[Finding]:
-    """Markers that are off their table."""
+def _misfit(good: Sequence[PoseRow], unit: str) -> list[Finding]:
+    """Residuals that are no noise: the pattern of another lens, or markers that are off their table."""
     excess, spot = (middle([getattr(r, k) for r in good]) for k in ("excess_px", "spot_px"))
-    if not excess > max(rules.PLACE_PX, rules.NOISE_TIMES * spot):
+    if not excess > rules.NOISE_TIMES * spot:
+        return []
+    typical = sorted(good, key=lambda r: r.other.lead)[len(good) // 2]
+    if typical.other.lead > rules.LENS_NATS:
+        each = float(np.hypot(typical.excess_px, typical.spot_px))
+        times = f"{each / typical.spot_px:.0f} times their spots' sigma"
+        said = f"residuals of {g2(each)} px per coordinate, {times} ({typical.name}, as most of {len(good)} images)"
+        return [typical.other.said(said, unit)]
+    if not excess > rules.PLACE_PX:
         return []
     return [
         Finding(

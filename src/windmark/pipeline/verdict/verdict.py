@@ -18,6 +18,7 @@ CAUSES = {
     "units": "units that differ or are mixed",
     "file": "a file that cannot be read, or does not fit the others",
     "saturated": "a picture at its highest grey level",
+    "interlaced": "a picture of two fields, taken one after the other",
     "blurred": "a picture out of focus, or moved while it was taken",
     "swapped": "names exchanged",
     "mirrored": "a picture or a table that is mirrored",

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation
+from windmark.detection.fields import field_shift
 from windmark.scene import Detections, MarkerSet
 from windmark.tasks.deform.memory import displaced
 from windmark.tasks.deform.spots import Labelled
@@ -115,4 +116,5 @@ def sight(
     if not count or spots.known is None:
         return Sight(spots.expected, count, why, lag_s)
     odd = {str(test.markers.name[m]): far for m, far in usual.odd.get(name, {}).items()}
-    return Sight(spots.expected, count, why, lag_s, spots.known.frame.blur_px, spots.radius_px, odd)
+    fields = field_shift(image, spots.xy, spots.radius_px).sure_px
+    return Sight(spots.expected, count, why, lag_s, spots.known.frame.blur_px, spots.radius_px, fields, odd)

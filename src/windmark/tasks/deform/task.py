@@ -184,6 +184,7 @@ class Sight:
     lag_s : how much later than the instant its nearest picture is; NaN without one
     blur_px, radius_px : how blurred its spots are, 1 sigma of a Gaussian, and their median radius; NaN where no spot
         tells it
+    fields_px : how far rows of odd number are from those of even number, see `FieldShift.sure_px`
     odd : marker without a spot, near whose place there is a spot without a marker -> distance in pixels, and about
         that in length units
     """
@@ -194,6 +195,7 @@ class Sight:
     lag_s: float = float("nan")
     blur_px: float = float("nan")
     radius_px: float = float("nan")
+    fields_px: float = 0.0
     odd: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
