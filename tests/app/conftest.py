@@ -1,5 +1,6 @@
 """Running the command line as a user does, in one process."""
 
+import contextlib
 import functools
 import json
 import shutil
@@ -36,9 +37,13 @@ def windmark():
 
 
 @pytest.fixture(scope="module", autouse=True)  # other folders' tests may be next in the same process
-def quick_pictures(coarse_grids):
-    """Outlines in simulated pictures of 5 x 5 rays a pixel instead of 11 x 11: nothing in these tests is as fine."""
-    with pytest.MonkeyPatch.context() as patch, coarse_grids():
+def quick_pictures(request, coarse_grids):
+    """Outlines in simulated pictures of 5 x 5 rays a pixel instead of 11 x 11: nothing in these tests is as fine.
+
+    Grids are coarse but in modules with ``WHOLE_GRIDS``, which compare errors with their sigmas.
+    """
+    grids = contextlib.nullcontext() if getattr(request.module, "WHOLE_GRIDS", False) else coarse_grids()
+    with pytest.MonkeyPatch.context() as patch, grids:
         patch.setitem(render.__kwdefaults__, "subpixels", 5)
         yield
 

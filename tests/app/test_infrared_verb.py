@@ -13,6 +13,8 @@ from windmark.tasks.infrared import CURVED, LATE, LATERAL
 
 DOUBTFUL = LATE | LATERAL | CURVED
 
+WHOLE_GRIDS = True  # see `quick_pictures`
+
 
 @pytest.fixture(scope="module")
 def heated(tmp_path_factory):

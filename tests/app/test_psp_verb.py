@@ -10,6 +10,8 @@ import pytest
 from windmark import io
 from windmark.pipeline.simulate_psp import simulate_psp
 
+WHOLE_GRIDS = True  # see `quick_pictures`
+
 
 @pytest.fixture(scope="module")
 def polar(tmp_path_factory):

@@ -29,7 +29,7 @@ def test_two_frames_of_an_infrared_run_are_pictures_of_temperature(windmark, tmp
         found = column(folder / "results" / image["name"] / "nodes.csv", "temperature_K [K]")
         true = np.asarray(io.read_nodes_netcdf(folder / "truth" / f"{frame}.nc")[1]["temperature"])
         seen = np.isfinite(found) & np.isfinite(true)
-        assert seen.sum() > 5_000
+        assert seen.sum() > 1_700
         # What a black body would have: a surface of emissivity 0.9 in colder surroundings looks some 2 K colder.
         assert -4 < np.median((found - true)[seen]) < -0.5
         assert np.percentile(np.abs(found - true - np.median((found - true)[seen]))[seen], 70) < 0.6

@@ -49,8 +49,8 @@ def test_resect_with_markers_gives_walls_no_value(virtual_test, windmark, tmp_pa
     told = windmark(*call, "-m", folder / "markers.csv", "-o", tmp_path / "told")
     assert plain.code == told.code == 0
     counts = [int(re.search(r"values on (\d+) of", done.out)[1]) for done in (plain, told)]
-    assert counts[0] - counts[1] > 1000
-    assert counts[1] > 1000
+    assert counts[0] - counts[1] > 300
+    assert counts[1] > 300
     assert "zone05, zone06; left out of the job" in told.err
     both = windmark(*call, "-m", folder / "markers.csv", "--volume", "wing=zone01", "-o", tmp_path / "both")
     assert both.code == 2

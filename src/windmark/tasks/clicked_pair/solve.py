@@ -11,7 +11,7 @@ from windmark.geometry import Camera
 from windmark.geometry.two_view import epipoles
 from windmark.scene import Detections
 from windmark.tasks.clicked_pair.clicks import SNAP_PX, Clicks, snapped
-from windmark.tasks.clicked_pair.geometry import MODEL_PX, Geometry, Job
+from windmark.tasks.clicked_pair.geometry import Geometry, Job
 from windmark.tasks.clicked_pair.result import ClickedPair
 
 Array = NDArray[np.float64]
@@ -26,6 +26,8 @@ moves the geometry by less than root(LEVERAGE^2 - 1) times what it shows."""
 DOUBT = 3.0
 """A click so many sigmas off what the others say is not checked by them either."""
 ROUNDS = 3
+ALIKE = 0.8
+"""Part of the matches that the error which they show must leave."""
 
 
 def clicked_pair(
@@ -55,7 +57,11 @@ def clicked_pair(
     job = Job(spots_a, spots_b, cameras, sigma_px, seed)
     use = np.flatnonzero(on_spots)
     first, second = meant_a[use], meant_b[use]
-    found = _alone(job, first, second) if cameras is None else _along_lines(job, first, second)
+    found: Found | str
+    if cameras is None:
+        found = _alone(job, first, second)
+    else:
+        job, found = _as_learned(job, first, second)
     if isinstance(found, str):
         return ClickedPair(reason=found, notes=tuple(notes), click_a=xy_a, click_b=xy_b)
     geometry, wrong, spot_a, spot_b = found
@@ -86,6 +92,21 @@ def _alone(job: Job, first: Ints, second: Ints) -> Found | str:
     if isinstance(geometry, str):
         return geometry
     return geometry, ~geometry.used, first[geometry.used], second[geometry.used]
+
+
+def _as_learned(job: Job, first: Ints, second: Ints) -> tuple[Job, Found | str]:
+    """`_along_lines`, once more with the error that its matches show where that is less than was taken beforehand."""
+    found = _along_lines(job, first, second)
+    if isinstance(found, str):
+        return job, found
+    finer = job.learned(found[0], *found[2:])
+    if not finer.model_px < job.model_px:
+        return job, found
+    again = _along_lines(finer, first, second)
+    # An error that is not the same everywhere: by what most matches show, many others would be wrong.
+    if isinstance(again, str) or len(again[2]) < ALIKE * len(found[2]):
+        return job, found
+    return finer, again
 
 
 def _along_lines(job: Job, first: Ints, second: Ints) -> Found | str:
@@ -167,7 +188,7 @@ def _settled(
     match, back = (dict(zip(*(s.tolist() for s in p), strict=True)) for p in ((spot_a, spot_b), (spot_b, spot_a)))
     off = np.abs(job.distance(geometry, *clicks))
     usual = float(np.sqrt((job.distance(geometry, spot_a, spot_b) ** 2).mean()))
-    limit = GATE * max(usual, job.sigma_px or MODEL_PX)
+    limit = GATE * max(usual, job.sigma_px or job.model_px)
     wrong = np.zeros(len(off), bool)
     for k, (i, j) in enumerate(zip(*(c.tolist() for c in clicks), strict=True)):
         if match.get(i) == j:
