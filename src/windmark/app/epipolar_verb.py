@@ -13,11 +13,13 @@ from windmark.app import console
 from windmark.app.alone import not_drawn, write_png
 from windmark.app.epipolar_pictures import PairWords, pair_picture
 from windmark.app.pictures import MISSING
+from windmark.app.verdict_words import verdict_lines
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate import MatchOptions
 from windmark.pipeline.calibrate.read import find_spots, picture_names, read_image
 from windmark.pipeline.clicks import read_clicks
+from windmark.pipeline.verdict.pair import pair_verdict
 from windmark.scene import Detections
 from windmark.tasks.clicked_pair import ClickedPair, Clicks, clicked_pair, lines_of, relabelled
 
@@ -55,9 +57,10 @@ def run(
         show("match along the lines" if both else "fundamental matrix")
         pair = (spots[0], spots[1])
         result = clicked_pair(*pair, clicks, both, sigma_px=sigma_px, seed=match.seed)
-        record = _record(result, clicks, (names[0], names[1]), pair)
+        verdict = pair_verdict(result, clicks, pair, both)
+        record = {**_record(result, clicks, (names[0], names[1]), pair), "verdict": verdict.record()}
         if not result:
-            console.refuse("; ".join([result.reason, *result.notes]), as_json, record)
+            console.refuse("; ".join([result.reason, *result.notes]), as_json, record, verdict.next_step)
             return
         sizes = [(int(g.shape[1]), int(g.shape[0])) for g in grey]
         failed: list[str] = record.setdefault("not_drawn", [])
@@ -70,7 +73,8 @@ def run(
         write_png(out.place / "epipolar.png", draw, failed)
         _write(out.place, result, clicks, (names[0], names[1]), pair, record)
     console.answer({**record, "folder": output}, as_json,
-                   [*_lines(result, clicks, pair), *not_drawn(failed), f"results: {output}"])  # fmt: skip
+                   [*_lines(result, clicks, pair), *verdict_lines(verdict), *not_drawn(failed),
+                    f"results: {output}"])  # fmt: skip
 
 
 def _mark_clicks(figure: Figure, result: ClickedPair, clicks: Clicks) -> None:

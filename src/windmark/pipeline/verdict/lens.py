@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import g1, g2
-from windmark.geometry import PARAMETERS
+from windmark.geometry import PARAMETERS, Camera
 from windmark.geometry.rotations import hat
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
@@ -50,7 +50,7 @@ def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
     """Judge it to first order, ``spot_px`` being the spots' own noise (1 sigma per coordinate).
 
     Both explanations are evidences: the scatter's size is what the residuals make of it, the interior has a prior
-    (`_prior`). The pose's own columns are taken out first.
+    (`prior`). The pose's own columns are taken out first.
     """
     cam, k = answer.camera, len(answer.matching)
     if 2 * k < 6 + 2 * len(INTERIOR):
@@ -58,13 +58,26 @@ def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
     xyz = answer.cam_from_model.apply(answer.matched_xyz)
     _, _, by_xyz, by_camera = cam.project_jacobian(xyz)
     columns = [PARAMETERS.index(p) for p in INTERIOR]
-    inner = by_camera[..., columns].reshape(2 * k, len(INTERIOR)) * _prior(answer)
+    inner = by_camera[..., columns].reshape(2 * k, len(INTERIOR)) * prior(cam)
     pose = by_pose(by_xyz, xyz).reshape(2 * k, 6)
     size = np.linalg.norm(pose, axis=0)
     basis, upper = np.linalg.qr(pose / size, mode="complete")
     r = -answer.residuals.reshape(2 * k)  # observed - projected
     free, b = basis[:, 6:].T @ r, basis[:, 6:].T @ inner
-    left, value, right = np.linalg.svd(b)
+    # The pose gives way to the likeliest interior where both move the image alike.
+    step = -np.linalg.solve(upper[:6], basis[:, :6].T @ (inner @ likeliest(free, b, spot_px))) / size
+    return OtherInterior(lead_over_scatter(free, b), float(np.linalg.norm(step[3:])), _in_sigmas(step, answer))
+
+
+def lead_over_scatter(free: Array, inner: Array) -> float:
+    """Nats that a Gaussian prior of unit width on the columns' amounts is ahead of scatter alone.
+
+    Parameters
+    ----------
+    free : (M,) residuals, what is estimated anyway taken out
+    inner : (M, P) what one sigma of each amount does to them
+    """
+    left, value, _ = np.linalg.svd(inner)
     power = (left.T @ free) ** 2
     variance = np.concatenate([value**2, np.zeros(len(power) - len(value))])
 
@@ -73,10 +86,13 @@ def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
         whole = scatter + part * variance
         return float((-0.5 * (power / whole + np.log(whole)).sum(axis=1)).max())
 
-    # The likeliest interior in units of its prior; the pose gives way to it where both move the image alike.
-    change = right.T @ (value / (value**2 + spot_px**2) * (left.T @ free)[: len(value)])
-    step = -np.linalg.solve(upper[:6], basis[:, :6].T @ (inner @ change)) / size
-    return OtherInterior(evidence(1.0) - evidence(0.0), float(np.linalg.norm(step[3:])), _in_sigmas(step, answer))
+    return evidence(1.0) - evidence(0.0)
+
+
+def likeliest(free: Array, inner: Array, noise: float) -> Array:
+    """(P,) the likeliest amounts of the columns, residuals having the 1 sigma ``noise``; see `lead_over_scatter`."""
+    normal = inner.T @ inner + noise**2 * np.eye(inner.shape[1])
+    return np.asarray(np.linalg.solve(normal, inner.T @ free))
 
 
 def by_pose(by_xyz: Array, xyz: Array) -> Array:
@@ -95,13 +111,12 @@ def _in_sigmas(step: Array, answer: Registration) -> float:
     return float(np.sqrt(((axes.T @ (step / sigma))[told] ** 2 / value[told]).mean()))
 
 
-def _prior(answer: Registration) -> Array:
+def prior(cam: Camera) -> Array:
     """1 sigma of `INTERIOR` of a camera that was calibrated on another day.
 
     k1, k2, p1, p2 shift the corner of the picture by `rules.LENS_EDGE` of its distance; focal length and principal
     point are off by `rules.FOCAL_OFF` of themselves and of the picture's width.
     """
-    cam = answer.camera
     far = np.hypot(*(np.array(cam.size_px) / 2)) / cam.focal_px
     edge, part = rules.LENS_EDGE, rules.FOCAL_OFF
     lens = (edge / far**2, edge / far**4, edge / (3 * far), edge / (3 * far))

@@ -1,0 +1,107 @@
+"""The verdict on two pictures that were matched by hand: another lens, residuals beyond noise, what nothing checks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.errors import g1, g2
+from windmark.geometry import Camera, Pose
+from windmark.geometry.two_view import epipolar_distance
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.lens import INTERIOR, lead_over_scatter, likeliest, prior
+from windmark.pipeline.verdict.reasons import told_by
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.scene import Detections
+from windmark.tasks.clicked_pair import ClickedPair, Clicks
+
+Array = NDArray[np.float64]
+
+_TURN, _PART = 1e-6, 0.1
+"""Steps of the numerical slopes: of the pose (the baseline being 1), and of the interior in units of its prior."""
+
+
+def pair_verdict(
+    result: ClickedPair, clicks: Clicks, spots: tuple[Detections, Detections], cameras: tuple[Camera, Camera] | None
+) -> Verdict:
+    """Judge the geometry of two pictures and their matches."""
+    if not result:
+        cause, step = told_by(result.reason) or (
+            "few", "match more markers by hand, all over both pictures and not on one plane"
+        )  # fmt: skip
+        return Verdict.of([Finding(BAD, cause, result.reason, step)], 1, "", "")
+    found = _unchecked(result, clicks)
+    if cameras is not None and result.pose is not None:
+        found += _misfit(result, spots, cameras, result.pose)
+    count, rms = len(result.spot_a), float(np.sqrt((result.distance_px**2).mean()))
+    gone = int(result.wrong.sum())
+    left = f"; {gone} wrong click{'s' if gone > 1 else ''} left out" if gone else ""
+    return Verdict.of(
+        found, 1, f"{count} matches are {g2(rms)} px RMS from their epipolar lines{left}",
+        "look at epipolar.png; labels.csv is for windmark reconstruct --labels",
+    )  # fmt: skip
+
+
+def _unchecked(result: ClickedPair, clicks: Clicks) -> list[Finding]:
+    """Clicks on which the geometry hangs."""
+    names = np.array(clicks.name)[result.unchecked].tolist()
+    if not names:
+        return []
+    what = f"click {names[0]}" if len(names) == 1 else f"{len(names)} clicks ({', '.join(names[:5])})"
+    said = f"nothing checks {what}: a wrong one would hardly show"
+    return [Finding(DOUBTFUL, "few", said, "match more markers near them; see the notes")]
+
+
+def _misfit(
+    result: ClickedPair, spots: tuple[Detections, Detections], cameras: tuple[Camera, Camera], pose: Pose
+) -> list[Finding]:  # fmt: skip
+    """Distances from the lines beyond the spots' noise, by the pattern of another interior or without one."""
+    cov = np.concatenate([spots[0].cov[result.spot_a], spots[1].cov[result.spot_b]])
+    spot = float(np.sqrt(np.median(np.trace(cov, axis1=1, axis2=2) / 2)))
+    rms = float(np.sqrt((result.distance_px**2).sum() / max(len(result.distance_px) - 5, 1)))
+    residuals = f"matches are {g2(rms)} px from their epipolar lines, {g2(rms / spot)} times their spots' sigma"
+    lead, turn = _other_interior(result, spots, cameras, pose, spot)
+    if lead > rules.LENS_NATS:
+        return [Finding(
+            DOUBTFUL, "lens",
+            f"{residuals}, with the pattern of another lens, focal length or principal point ({lead:.0f} nats ahead of "
+            f"scatter); with one that fits the second camera may be turned by some {g1(turn)} deg more",
+            "calibrate the camera (windmark calibrate), and check that the file is this camera's",
+        )]  # fmt: skip
+    if rms > max(rules.PLACE_PX, 2 * spot):
+        step = "calibrate the camera; see that nothing moved between the pictures, and that both are as they were taken"
+        return [Finding(DOUBTFUL, "noise", residuals, step)]
+    return []
+
+
+def _other_interior(
+    result: ClickedPair, spots: tuple[Detections, Detections], cameras: tuple[Camera, Camera], pose: Pose, spot: float
+) -> tuple[float, float]:  # fmt: skip
+    """Nats that another interior is ahead of scatter, and by how many degrees the pose would turn with it."""
+    a, b = spots[0].xy[result.spot_a], spots[1].xy[result.spot_b]
+
+    def distance(first: Camera, second: Camera, step: Pose) -> Array:
+        return epipolar_distance(a, b, first, second, step).sampson_px
+
+    here = distance(*cameras, pose)
+    one = cameras[0] == cameras[1]
+    if len(here) < 5 + 2 * len(INTERIOR) * (1 if one else 2):
+        return 0.0, 0.0
+    turned = np.stack([(distance(*cameras, Pose.exp(_TURN * d) @ pose) - here) / _TURN for d in np.eye(6)], axis=1)
+    columns = []
+    for which in ((0, 1),) if one else ((0,), (1,)):
+        for name, sigma in zip(INTERIOR, prior(cameras[which[0]]), strict=True):
+            other = [replace(c, **{name: getattr(c, name) + _PART * sigma}) if k in which else c
+                     for k, c in enumerate(cameras)]  # fmt: skip
+            columns.append((distance(other[0], other[1], pose) - here) / _PART)
+    inner = np.stack(columns, axis=1)
+    if not (np.isfinite(inner).all() and np.isfinite(here).all()):
+        return 0.0, 0.0
+    # The length of the baseline moves nothing: five directions of the six.
+    left, value, right = np.linalg.svd(turned / (size := np.linalg.norm(turned, axis=0)))
+    free, b_free = left[:, 5:].T @ -here, left[:, 5:].T @ inner
+    moved = left[:, :5].T @ (inner @ likeliest(free, b_free, spot))
+    step = -(right[:5].T @ (moved / value[:5])) / size
+    return lead_over_scatter(free, b_free), float(np.degrees(np.linalg.norm(step[:3])))
