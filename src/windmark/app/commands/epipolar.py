@@ -49,8 +49,9 @@ def epipolar(
 ) -> None:
     """Two pictures and a few matches by hand: F, wrong and unchecked clicks; with --camera all other matches too.
 
-    Six matches with a camera, also on a plane. Without one eight or better 16 (markers in space, a lens without much
-    distortion), and the other spots are not matched: which of those on a line is meant needs depths, so a camera.
+    Seven matches with a camera, also on a plane (six may agree by chance). Without one eight or better 16 (markers in
+    space, a lens without much distortion), and the other spots are not matched: which of those on a line is meant needs
+    depths, so a camera.
     """
     with console.errors(as_json):
         from windmark.app import epipolar_verb

@@ -23,6 +23,7 @@ from windmark.geometry.two_view.search import log10_false_alarms
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_OF_PLANE, _OF_SPACE = 4, 5  # pairs that fix a homography, and an essential matrix
 _LEVEL = 1e-4  # probability that a true simple model is rejected
 _COUNTED = 100  # points whose wrong partners are counted
 _LOG10_CHANCE = -3.0  # of pairs beyond the simple model that chance alone would bring
@@ -52,6 +53,9 @@ def choose(found: Candidates, pairs: Pairs, known: bool, right: bool) -> str:
             )
         if not refuted:
             return "rotation"
+    # Any four pairs are of a plane: where no fifth one is on it, it explains nothing, and lines that a sixth is on do.
+    if space is not None and in_plane.sum() <= _OF_PLANE and on_line.sum() > _OF_SPACE:
+        return "essential"
     if space is not None and (
         _more_agree(in_plane, on_line, 1, lines)
         or _fits_better(plane.squares, space.squares, in_plane & on_line, -3, -5, 1, known, per_point=1)

@@ -94,7 +94,7 @@ def refine_fundamental(xy_a: ArrayLike, xy_b: ArrayLike, *, sigma_px: float = 1.
         raise ValueError(f"refine_fundamental: sigma_px must be positive, got {sigma_px}")
     n = len(a)
     if n < FEWEST:
-        return _nothing(n, sigma_px, f"{n} matches; a fundamental matrix needs {FEWEST} (with a camera six will do)")
+        return _nothing(n, sigma_px, f"{n} matches; a fundamental matrix needs {FEWEST} (with a camera seven will do)")
     if on_line(a, sigma_px) or on_line(b, sigma_px):
         return _nothing(n, sigma_px, "all matches are on a line: no epipolar geometry is determined")
     if (planar := _planar(a, b, np.ones(n, dtype=np.bool_), sigma_px)) is not None:

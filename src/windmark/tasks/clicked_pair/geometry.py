@@ -71,8 +71,8 @@ class Job:
         """The geometry of matched spots; or why there is none."""
         if self.cameras is None:
             return self._fundamental(i, j)
-        if len(i) < 6:
-            return f"{len(i)} matches; with a camera six are needed (five fix the geometry, one checks it)"
+        if len(i) < 6:  # six of them agree by chance once in ten
+            return f"{len(i)} matches; with a camera seven are needed (five fix the geometry, others check it)"
         view = estimate_two_view(
             self.a.xy[i], self.b.xy[j], *self.cameras, cov_a=self.a.cov[i] + self._extra,
             cov_b=self.b.cov[j] + self._extra, seed=self.seed,

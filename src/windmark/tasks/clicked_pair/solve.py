@@ -37,7 +37,7 @@ def clicked_pair(
     """Epipolar geometry from a few matches; with cameras then all spots along the lines (AIAA 2005-5007, VI.A-D).
 
     A click means the nearest spot; two clicks on one spot are refused. With ``cameras`` the essential matrix is found
-    from six matches or more, also of points on a plane; without, the fundamental matrix from eight, and no further
+    from seven matches or more, also of points on a plane; without, the fundamental matrix from eight, and no further
     matches: nothing but depths tells which of the spots on a line is meant, and they need a camera. Clicks that
     contradict the others or, with cameras, what the neighbours' depths say, are named and left out. Clicks that the
     others do not check are named and stay.
