@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from windmark import detection, io, registration, resection
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.at_pose import markers_at_pose
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.project import Project
 from windmark.pipeline.project_entries import ImageEntry
@@ -60,11 +61,22 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
             if pose is None:
                 raise io.FileError(source.file, 'has no pose; expected one, or pose = "find"')
             result = replace(result, cam_from_model=pose, pose_cov=inputs.cameras[source.name].pose_cov)
+            result = _looked_at(result, pose, inputs, clock)
         elif result.problem is None:
             result = _register(replace(result, published=pose), entry, inputs, clock)
     except WindmarkError as error:
         result = replace(result, problem=str(error))
     return replace(result, seconds=clock.seconds)
+
+
+def _looked_at(result: ImageResult, pose: Pose, inputs: Inputs, clock: Clock) -> ImageResult:
+    """With what the picture shows of the markers at a pose that was given."""
+    if inputs.markers is None or result.image is None:
+        return result
+    polarity = detection.AUTO if inputs.project.detect is None else inputs.project.detect.polarity
+    with clock("markers at the given pose"):
+        seen = markers_at_pose(result.image, result.camera, pose, inputs.markers, inputs.mesh, polarity)
+    return replace(result, at_pose=seen)
 
 
 def opened(entry: ImageEntry, inputs: Inputs, clock: Clock) -> ImageResult:

@@ -44,6 +44,11 @@ class PointSet:
     arc: Array | None = None
 
     @property
+    def far(self) -> NDArray[np.bool_]:
+        """(N,) points with a place that are too far from the surface."""
+        return np.asarray(np.isfinite(self.asked).all(axis=1) & (self.surface.triangle < 0))
+
+    @property
     def stem(self) -> str:
         """Name of its files."""
         return f"{self.kind}-{self.name}"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.detection import RadiusEstimate
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.at_pose import AtPose
 from windmark.pipeline.points import PointTable
 from windmark.pipeline.project import Project
 from windmark.pipeline.quantity import Quantity
@@ -93,6 +94,7 @@ class ImageResult:
     ``radius`` is the estimate that detection used where the project gives none; ``polarity`` that of the spots, and
     ``said`` what was decided about it. ``instant`` has the cameras of a rig with which it was registered.
     ``image`` is as in the file; values, views, sections and ``aligned`` are in ``quantity``.
+    ``at_pose`` is what it shows of the markers at a pose that was known.
     ``problem`` says in words why it went no further; None when all is well. ``left_out``: views and sections that are
     missing, with the reason.
     """
@@ -117,6 +119,7 @@ class ImageResult:
     sections: tuple[SectionValues, ...] = ()
     points: tuple[PointTable, ...] = ()
     pose_cov: Array | None = None
+    at_pose: AtPose | None = None
     aligned: NDArray[np.float32] | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     problem: str | None = None

@@ -13,7 +13,7 @@ from windmark.detection.template.crlb import bound_factor
 from windmark.errors import g2
 from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.verdict import rules
-from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.scene import Detections
 from windmark.scene.levels import clipped_level
 
@@ -29,6 +29,7 @@ class PictureState:
     costs : best possible sigma of their centres over that of the same discs in a sharp picture; NaN likewise
     saturated : part of its pixels at the highest level; 0 unless it is clipped there
     level : that level
+    empty : all pixels are at one level
     fields_px : how far its markers are apart in rows of odd and of even number, see `FieldShift.sure_px`
     """
 
@@ -38,11 +39,14 @@ class PictureState:
     saturated: float
     level: float
     fields_px: float = 0.0
+    empty: bool = False
 
 
 def picture_state(image: NDArray[np.generic], spots: Detections | None, polarity: str) -> PictureState:
     """Look at an image (H, W) of grey levels and its spots, best first; ``polarity`` is theirs."""
     grey = np.asarray(image)
+    if grey.size and (top := grey.max()) == grey.min():
+        return PictureState(np.nan, np.nan, np.nan, 0.0, float(top), empty=True)
     saturated, level = _saturated(grey)
     if spots is None:
         return PictureState(np.nan, np.nan, np.nan, saturated, level)
@@ -69,7 +73,10 @@ def _saturated(grey: NDArray[np.generic]) -> tuple[float, float]:
 def picture_findings(state: PictureState) -> list[Finding]:
     """Saturated and blurred pictures."""
     out = []
-    if state.saturated > rules.SATURATED:
+    if state.empty:
+        said = f"every pixel is at the level {state.level:g}: the picture shows nothing"
+        out.append(Finding(BAD, "file", said, "see whether this is the right picture, and how it was exported"))
+    elif state.saturated > rules.SATURATED:
         out.append(
             Finding(
                 DOUBTFUL,

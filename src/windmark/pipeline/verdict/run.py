@@ -6,13 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from windmark.errors import g3
+from windmark.errors import g2, g3
 from windmark.paint.cameras import cameras_apart
 from windmark.pipeline.likely_unit import likely_unit, model_box
+from windmark.pipeline.points import PointTable
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
+from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import Sighting, registered_findings, spot_px, what_is_left
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.resection import MergedViews, NotMerged
@@ -60,10 +62,16 @@ def _missing(said: str) -> Finding:
 def _good(result: RunResult) -> tuple[str, str]:
     """Why it is good, and what can be done with it."""
     answers = [i.registered for i in result.images if i.registered is not None]
+    seen = [i.at_pose for i in result.images if i.at_pose is not None]
+    if not answers and seen:
+        worst_seen = min(seen, key=lambda s: s.found / max(s.expected, 1))
+        has = "pose has" if len(seen) == 1 else "poses have"
+        said = f"{worst_seen.found} of {worst_seen.expected} markers are where the given {has} them"
+        return said, "use the values; look at the grid over the picture"
     if not answers:
         return (
             "the poses were given; nothing was matched that could contradict them",
-            "look at the grid over the picture",
+            "give the marker table (-m) as well, and look at the grid over the picture",
         )
     worst = max(a.rms_px for a in answers)
     beyond = max(_beyond(i) for i in result.images)
@@ -87,15 +95,42 @@ def _beyond(item: ImageResult) -> float:
 def _image(item: ImageResult, result: RunResult) -> list[Finding]:
     state = _state(item)
     found = [] if state is None else picture_findings(state)
+    found += _given_pose(item)
+    unit = result.project.length_unit
+    found += [_far(table, unit) for table in item.points if table.of.far.mean() > rules.FAR_POINTS]
     if item.registration is not None and item.detections is not None and result.markers is not None:
         found += registered_findings(_sighting(item, result, result.markers))
     elif item.problem and item.detections is not None and item.registration is None:
-        found.append(Finding(BAD, "few", item.problem, "look at the picture of the spots; give radius_px and polarity"))
+        spots = ("few", "look at the picture of the spots; give radius_px and polarity")
+        cause, step = told_by(item.problem) or spots
+        found.append(Finding(BAD, cause, item.problem, step))
     elif item.problem:
         found.append(_file(item.problem))
     if item.problem and all(f.word != BAD for f in found):
         found.append(_file(item.problem))
     return found
+
+
+def _given_pose(item: ImageResult) -> list[Finding]:
+    """Markers that are not where a pose that was given has them."""
+    seen = item.at_pose
+    if seen is None or seen.expected < rules.FEW:
+        return []
+    step = "register the picture (windmark register), and see that pose, picture and table belong together"
+    if seen.found < (1 - rules.MISSING) * seen.expected:
+        said = f"{seen.found} of {seen.expected} markers are where the given pose has them"
+    elif seen.off_px > 5 * rules.PLACE_PX:
+        said = f"the markers are {g2(seen.off_px)} px (RMS per coordinate) from where the given pose has them"
+    else:
+        return []
+    return [Finding(DOUBTFUL, "moved", said, step)]
+
+
+def _far(table: PointTable, unit: str) -> Finding:
+    """Points that are not on the surface."""
+    far, limit = table.of.far, f"{g3(table.of.limit)} {unit}"
+    said = f"{int(far.sum())} of {len(far)} points of {table.of.name} are farther than {limit} from the grid"
+    return Finding(DOUBTFUL, "units", said, "check unit and frame of the list of points, and the side of its normals")
 
 
 def _file(problem: str) -> Finding:

@@ -1,0 +1,237 @@
+"""The verdict of merged pictures, given poses, lists of points, followed sequences and matched pairs."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import clicked_scenes as sweep
+import numpy as np
+import pytest
+
+from windmark import io, resection, synth
+from windmark.geometry import Pose
+from windmark.pipeline.at_pose import AtPose, markers_at_pose
+from windmark.pipeline.job import run_project
+from windmark.pipeline.project import read_project
+from windmark.pipeline.simulate_cameras import camera_shots
+from windmark.pipeline.track_results import PoseRow
+from windmark.pipeline.verdict import BAD, DOUBTFUL, GOOD
+from windmark.pipeline.verdict.pair import pair_verdict
+from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_fields
+from windmark.pipeline.verdict.run import _contradicted, _given_pose, run_verdict
+from windmark.pipeline.verdict.track import track_verdict
+from windmark.registration import register
+from windmark.scene import Detections
+from windmark.tasks.clicked_pair import Clicks, clicked_pair
+from windmark.tasks.follow import FollowedFrame
+
+
+@pytest.fixture(scope="module")
+def tunnel():
+    return synth.wind_tunnel(11, size_px=(1000, 800), nodes=4000, clutter=None)
+
+
+# --- merged pictures ------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def pair():
+    """Two cameras of one wing."""
+    test = camera_shots(5, 2, size_px=(640, 512), nodes=6000, clutter=False)
+    return test, [(s.view.camera, s.image) for s in test.shots]
+
+
+def merged(pair, change=lambda image: image):
+    test, shots = pair
+    pictures = [
+        resection.Picture(name, change(image) if k else image, test.cameras[name], test.cam_from_tunnel[name])
+        for k, (name, image) in enumerate(shots)
+    ]
+    done = resection.merge_views(test.mesh, pictures, black=64.0)
+    assert done, done.reason
+    return done
+
+
+def dark_half(image):
+    part = np.where(np.arange(image.shape[1]) < image.shape[1] // 2, 1.0, 0.6)
+    return ((image - 64.0) * part + 64).astype(image.dtype)
+
+
+def other_gamma(image):
+    return (image.max() * (image / image.max()) ** (1 / 1.6)).astype(image.dtype)
+
+
+def test_two_pictures_of_one_surface_do_not_contradict_each_other(pair):
+    assert _contradicted([merged(pair)]) == []
+
+
+@pytest.mark.parametrize("fault", [dark_half, other_gamma])
+def test_a_picture_whose_values_are_not_those_of_the_surface_is_told(pair, fault):
+    """Gains are fitted to what both see, and merged values lay between: a fifth of them over five sigmas off."""
+    (found,) = _contradicted([merged(pair, fault)])
+    assert (found.word, found.cause) == (DOUBTFUL, "cameras")
+    assert "cam1 and cam2 contradict each other" in found.reason
+    assert "in 1 of 2 points" in _contradicted([merged(pair), merged(pair, fault)])[0].reason
+
+
+# --- poses that are given ---------------------------------------------------------------------------
+_PROJECT = """\
+title = "given"
+length_unit = "mm"
+[[camera]]
+file = "camera.json"
+pose = "known"
+[[image]]
+file = "a.tif"
+[markers]
+file = "markers.csv"
+roles = ["model"]
+[grid]
+file = "model.grid"
+[[points]]
+file = "taps.csv"
+"""
+
+
+def judged(folder, test, image, scale=1.0):
+    """A picture with the pose of "wind-off"; the points are some nodes of the grid times ``scale``."""
+    shot = test.shot("wind-off")
+    io.write_camera(folder / "camera.json", test.cameras["cam1"], shot.view.cam_from_model, unit="mm")
+    io.write_markers(folder / "markers.csv", test.markers, length_unit="mm")
+    io.write_mesh(folder / "model.grid", test.mesh)
+    io.write_image(folder / "a.tif", image)
+    xyz = test.mesh.vertices[np.flatnonzero(test.mesh.used)[::400]] * scale
+    columns = {"name": [f"t{k}" for k in range(len(xyz))], **dict(zip("xyz", xyz.T, strict=True))}
+    io.write_table(folder / "taps.csv", columns, comment="length unit: mm")
+    (folder / "project.toml").write_text(_PROJECT)
+    return run_verdict(run_project(read_project(folder / "project.toml"), workers=1))
+
+
+def test_markers_are_looked_for_where_a_given_pose_has_them(tmp_path, tunnel):
+    verdict = judged(tmp_path, tunnel, tunnel.shot("wind-off").image)
+    assert verdict.word == GOOD, verdict
+    assert "29 of 29 markers are where the given pose has them" in verdict.reason
+
+
+@pytest.mark.parametrize(("kind", "word", "cause", "says"), [
+    ("moved", DOUBTFUL, "moved", "markers are where the given pose has them"),
+    ("mirrored", DOUBTFUL, "moved", "markers are where the given pose has them"),
+    ("a little", DOUBTFUL, "moved", "px (RMS per coordinate) from where the given pose has them"),
+    ("empty", BAD, "file", "every pixel is at the level 64"),
+    ("inches", DOUBTFUL, "units", "are farther than"),
+])  # fmt: skip
+def test_a_pose_or_a_picture_that_do_not_belong_together_are_doubted(tmp_path, tunnel, kind, word, cause, says):
+    image = tunnel.shot("wind-off").image
+    image = {"moved": np.roll(image, 40, 1), "mirrored": image[:, ::-1], "a little": np.roll(image, 2, 0),
+             "empty": np.full_like(image, 64)}.get(kind, image)  # fmt: skip
+    verdict = judged(tmp_path, tunnel, image, 1 / 25.4 if kind == "inches" else 1.0)
+    assert (verdict.word, verdict.cause) == (word, cause), verdict
+    assert says in verdict.reason
+
+
+def test_few_markers_and_unknown_sizes_say_nothing_of_a_pose(tunnel):
+    shot = tunnel.shot("wind-off")
+    camera, pose, m = tunnel.cameras["cam1"], shot.view.cam_from_model, tunnel.markers
+    unknown = replace(m, radius=np.full(len(m), np.nan))
+    assert markers_at_pose(shot.image, camera, pose, unknown, None, "auto") is None
+    away = markers_at_pose(shot.image, camera, Pose.from_rotvec([0, np.pi, 0], [0, 0, 0]) @ pose, m, None, "dark")
+    assert (away.expected, away.found) == (0, 0)
+    for seen in (None, away, AtPose(5, 0, np.nan)):
+        assert _given_pose(SimpleNamespace(at_pose=seen)) == []
+
+
+# --- a followed sequence ----------------------------------------------------------------------------
+def rows(tunnel, **off):
+    """Three pictures, their spots exact but for 0.01 px."""
+    shot, camera, out = tunnel.shot("wind-off").perfect, tunnel.cameras["cam1"], []
+    use = np.flatnonzero(shot.markers.visible & (tunnel.markers.role == "model"))
+    other = replace(camera, cov=None, **{k: getattr(camera, k) + v for k, v in off.items()})
+    for k in range(3):
+        xy = shot.markers.xy[use] + np.random.default_rng(k).normal(0, 0.01, (len(use), 2))
+        spots = Detections.make(xy, cov=np.tile(np.eye(2) * 1e-4, (len(use), 1, 1)), radius_px=np.full(len(use), 3.0))
+        answer = register(spots, tunnel.markers.take(use), other)
+        assert answer, answer.reason
+        out.append(PoseRow.of(FollowedFrame(k, f"f{k}", float(k), "cold", "", detections=spots, registration=answer)))
+    return out
+
+
+def test_another_camera_is_told_of_a_sequence_as_of_one_picture(tunnel):
+    """Its residuals of some hundredths of a pixel were "the spots' noise", the pose 20 to 90 sigmas off."""
+    assert track_verdict(rows(tunnel), "mm").word == GOOD
+    for off in ({"cx": 13.0}, {"focal_px": 34.0}):
+        verdict = track_verdict(rows(tunnel, **off), "mm")
+        assert (verdict.word, verdict.cause) == (DOUBTFUL, "lens"), verdict
+        assert "as most of 3 images" in verdict.reason
+        assert "elsewhere" in verdict.reason
+
+
+def test_interlaced_pictures_are_said_of_the_whole_where_they_are_more_than_some():
+    good = [("cam1", 0.0)] * 20 + [("cam2", 0.08)] * 20
+    assert series_fields(good) == []
+    assert series_fields([*good, ("cam1", 0.8)]) == []
+    (found,) = series_fields([*good, *[("cam1", 0.8), ("cam1", 1.2), ("cam1", 0.7)]])
+    assert (found.word, found.cause) == (DOUBTFUL, "interlaced")
+    assert "3 of 23 pictures of cam1 are interlaced" in found.reason
+    assert "1.2 px" in found.reason
+
+
+def test_an_interlaced_picture_is_told(tunnel):
+    shot = tunnel.shot("wind-off")
+    use = shot.perfect.markers.visible & (tunnel.markers.role == "model")
+    spots = Detections.make(shot.perfect.markers.xy[use], radius_px=np.full(int(use.sum()), 4.0), sigma_px=0.02)
+    assert not [f for f in picture_findings(picture_state(shot.image, spots, "dark")) if f.cause == "interlaced"]
+    combed = shot.image.copy()
+    combed[1::2] = np.roll(combed, 1, axis=1)[1::2]
+    (found,) = [f for f in picture_findings(picture_state(combed, spots, "dark")) if f.cause == "interlaced"]
+    assert found.word == DOUBTFUL
+
+
+# --- two pictures that are matched ------------------------------------------------------------------
+def matched(seed=7, noise=0.01, **off):
+    camera = sweep.scenes.CAMERA
+    _, _, places = sweep.pictures("block", seed, camera, noise)
+    spots = tuple(Detections.make(s, sigma_px=noise) for s in places)
+    clicks = Clicks(places[0][:12], places[1][:12], tuple(str(k) for k in range(12)))
+    other = replace(camera, cov=None, **{k: getattr(camera, k) + v for k, v in off.items()})
+    result = clicked_pair(*spots, clicks, (other, other))
+    return result, pair_verdict(result, clicks, spots, (other, other))
+
+
+@pytest.mark.parametrize("seed", [7, 8, 9, 11])
+def test_the_right_cameras_of_a_pair_are_not_doubted(seed):
+    result, verdict = matched(seed)
+    assert result, result.reason
+    assert verdict.word == GOOD, verdict
+
+
+@pytest.mark.parametrize(("off", "cause"), [
+    ({"focal_px": 400.0}, "lens"), ({"k1": 0.03}, "lens"), ({"k1": 0.1}, "noise"), ({"cy": 40.0}, "lens"),
+])  # fmt: skip
+def test_another_camera_of_a_pair_is_told_by_what_is_left(off, cause):
+    """A lens that is ten times farther off than its prior says is left to scatter."""
+    result, verdict = matched(**off)
+    assert result, result.reason
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, cause), verdict
+    assert "times their spots' sigma" in verdict.reason
+
+
+def test_a_pair_that_is_refused_is_bad_with_a_step():
+    camera = sweep.scenes.CAMERA
+    _, _, places = sweep.pictures("block", 7, camera, 0.1)
+    spots = tuple(Detections.make(s, sigma_px=0.1) for s in places)
+    clicks = Clicks(places[0][:4], places[1][:4], tuple("abcd"))
+    verdict = pair_verdict(clicked_pair(*spots, clicks, (camera, camera)), clicks, spots, (camera, camera))
+    assert (verdict.word, verdict.cause) == (BAD, "few")
+    assert "seven are needed" in verdict.reason
+    assert "match more markers" in verdict.next_step
+
+
+def test_a_wrong_match_is_told_by_what_the_others_leave():
+    """A tenth of a pixel was taken for all cameras: 0.3 px off the line was 3 sigmas where the others leave 0.01 px."""
+    camera = sweep.scenes.CAMERA
+    _, _, (a, b) = sweep.pictures("block", 7, camera, 0.01)
+    free = 14
+    b[free] += [0.35, -0.35]
+    spots = tuple(Detections.make(s, sigma_px=0.01) for s in (a, b))
+    clicks = Clicks(a[:12], b[:12], tuple(str(k) for k in range(12)))
+    result = clicked_pair(*spots, clicks, (camera, camera))
+    assert result, result.reason
+    assert free not in result.spot_a.tolist()
+    assert np.abs(result.distance_px).max() < 0.06
