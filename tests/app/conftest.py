@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from windmark.app.cli import app
 from windmark.app.report import Report
+from windmark.pipeline.simulate_cameras import simulate_cameras
 from windmark.pipeline.simulate_deforming import simulate_deforming
 from windmark.synth import marker_sheet
 from windmark.synth.render import render
@@ -45,6 +46,7 @@ def quick_pictures(request, coarse_grids):
     grids = contextlib.nullcontext() if getattr(request.module, "WHOLE_GRIDS", False) else coarse_grids()
     with pytest.MonkeyPatch.context() as patch, grids:
         patch.setitem(render.__kwdefaults__, "subpixels", 5)
+        patch.setitem(simulate_cameras.__kwdefaults__, "size_px", (800, 640))
         yield
 
 
