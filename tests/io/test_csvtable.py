@@ -68,6 +68,24 @@ def test_faults_are_named(tmp_path, text, message):
         table(tmp_path, text)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf_16_of_a_spreadsheet(tmp_path, encoding):
+    """With its mark, "Unicode text" as it is exported: it was "not a text file"."""
+    mark = {"utf-16": b"", "utf-16-le": b"\xff\xfe", "utf-16-be": b"\xfe\xff"}[encoding]
+    t = table(tmp_path, mark + "name\tx\ty\nFlügel\t1\t2\n".encode(encoding))
+    assert t.text("name") == ["Flügel"]
+    assert t.numbers("y").tolist() == [2]
+    with pytest.raises(FileError, match="begins as UTF-16 and is not"):
+        table(tmp_path, b"\xff\xfe" + "name,x,y\n".encode("utf-16-le") + b"\x00\xd8\x01")
+
+
+@pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;"])
+def test_a_hint_to_spreadsheets_is_no_header(tmp_path, first):
+    t = table(tmp_path, f"{first}\nname;x;y\na;1;2\n")
+    assert t.numbers("x").tolist() == [1]
+    assert t.lines.tolist() == [3]
+
+
 @pytest.mark.parametrize("cell", ["", "nan", "inf", "-Infinity", "abc", "1.2.3", "1_000", "0x10", "--1", "1e999"])
 def test_no_number(tmp_path, cell):
     t = table(tmp_path, f"name,x,y\na,1,2\nb,{cell},2\n")

@@ -13,7 +13,6 @@ from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.record import FrameRecord as DeformFrame
 from windmark.pipeline.infrared.record import FrameRecord
 from windmark.pipeline.job import run_project
-from windmark.pipeline.locate import Inputs, _mirrored
 from windmark.pipeline.project import read_project
 from windmark.pipeline.psp.record import PointRecord
 from windmark.pipeline.track_results import PoseRow
@@ -33,6 +32,7 @@ from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
 from windmark.scene import Detections, MarkerSet, Mesh
 from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.deform.task import Sight
+from windmark.tasks.mirrored import mirrored
 from windmark.tasks.psp.taps import TapTable
 from windmark.tasks.reconstruct.result import NotReconstructed
 
@@ -132,7 +132,7 @@ def test_a_mirrored_picture_or_table(tmp_path, tunnel, what):
     assert "the picture or the table is mirrored" in verdict.reason
 
 
-def test_a_symmetric_model_under_a_grid_that_hides_it_is_not_called_mirrored(tmp_path, tunnel):
+def test_a_symmetric_model_under_a_grid_that_hides_it_is_not_called_mirrored(tunnel):
     """Its mirror image is the table with other names, and registers without the grid, as the table does."""
     m = tunnel.markers.take(np.flatnonzero(tunnel.markers.role == "model"))
     half = m.take(np.flatnonzero(np.abs(m.xyz[:, 0]) > 20))
@@ -143,14 +143,9 @@ def test_a_symmetric_model_under_a_grid_that_hides_it_is_not_called_mirrored(tmp
     xy, ok = camera.project(pose.apply(markers.xyz))
     seen = ok & camera.in_image(xy) & ((pose.rotate(markers.normal) * pose.apply(markers.xyz)).sum(axis=1) < 0)
     spots = Detections.make(xy[seen], sigma_px=0.02, radius_px=3.0)
-    io.write_camera(tmp_path / "camera.json", camera)
-    io.write_markers(tmp_path / "markers.csv", markers, length_unit="mm")
-    io.write_mesh(tmp_path / "model.grid", tunnel.mesh)
-    io.write_image(tmp_path / "a.tif", np.zeros(camera.size_px[::-1], np.uint8))
-    (tmp_path / "project.toml").write_text(_PROJECT)
-    inputs = Inputs(read_project(tmp_path / "project.toml"), markers, None, {}, None)
     assert register(spots, markers, camera)
-    assert _mirrored(spots, camera, inputs) is None
+    no = NotRegistered("hidden by a grid", "nothing")
+    assert mirrored(spots, markers, camera, no, {}) is no
 
 
 def test_saturated_picture(tmp_path, tunnel):

@@ -22,7 +22,7 @@ from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import register
 from windmark.scene import Detections
 from windmark.tasks.clicked_pair import Clicks, clicked_pair
-from windmark.tasks.follow import FollowedFrame
+from windmark.tasks.follow import FollowedFrame, FollowOptions, follow
 
 
 @pytest.fixture(scope="module")
@@ -160,6 +160,17 @@ def test_another_camera_is_told_of_a_sequence_as_of_one_picture(tunnel):
         assert (verdict.word, verdict.cause) == (DOUBTFUL, "lens"), verdict
         assert "as most of 3 images" in verdict.reason
         assert "elsewhere" in verdict.reason
+
+
+def test_mirrored_pictures_of_a_sequence_are_named(tunnel):
+    """"16 of 16 markers could be chance", and to give it more time."""
+    image = tunnel.shot("wind-off").image[:, ::-1]
+    markers = tunnel.markers.take(np.flatnonzero(tunnel.markers.role == "model"))
+    options = FollowOptions(radius_px=(3.0,))
+    frames = follow([("a", image), ("b", image)], markers, tunnel.cameras["cam1"], options=options)
+    verdict = track_verdict([PoseRow.of(f) for f in frames], "mm")
+    assert (verdict.word, verdict.cause) == (BAD, "mirrored"), verdict
+    assert "mirror the picture" in verdict.next_step
 
 
 def test_interlaced_pictures_are_said_of_the_whole_where_they_are_more_than_some():

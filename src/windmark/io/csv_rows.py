@@ -12,13 +12,15 @@ from windmark.io.text import Pathlike
 
 BETWEEN = "\0"
 """No cell holds it: what puts cells together may put it between them."""
+_SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 
 
 def rows_of(path: Pathlike, text: str, separator: str | None) -> Iterator[tuple[int, list[str]]]:
     """Line number (1-based) and stripped cells of every row; the bare line where ``separator`` is None.
 
-    Blank lines, rows of empty cells and lines that start with ``#`` are left out.
+    Blank lines, rows of empty cells, lines that start with ``#`` and a first line ``sep=;`` (a hint to spreadsheets)
+    are left out.
 
     Raises
     ------
@@ -28,7 +30,7 @@ def rows_of(path: Pathlike, text: str, separator: str | None) -> Iterator[tuple[
     numbered = _Counted(text)
     for line in numbered:
         start = numbered.line
-        if not line.strip() or line.lstrip().startswith("#"):
+        if not line.strip() or line.lstrip().startswith("#") or (start == 1 and _SEPARATOR.fullmatch(line.strip())):
             continue
         if separator is None:
             yield start, [line]

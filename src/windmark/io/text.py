@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import json
 import math
@@ -17,9 +18,12 @@ from windmark.io.errors import FileError, reading
 
 Pathlike = str | os.PathLike[str]
 
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
 
 def read_text(path: Pathlike) -> str:
-    """The whole of a UTF-8 text file; a byte order mark is dropped, line ends are kept.
+    """The whole of a UTF-8 text file; a byte order mark is dropped, line ends are kept. UTF-16 that begins with such a
+    mark, as spreadsheets write it, is read too.
 
     Raises
     ------
@@ -28,14 +32,17 @@ def read_text(path: Pathlike) -> str:
     """
     with reading(path), open(path, "rb") as stream:
         head = stream.read(4096)
-        if b"\0" in head:
+        wide = head.startswith(UTF_16)
+        if b"\0" in head and not wide:
             raise FileError(path, "this is not a text file; expected UTF-8 text")
         data = head + stream.read()
     if not data.strip():
         raise FileError(path, "the file is empty")
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError as error:
+        if wide:
+            raise FileError(path, f"begins as UTF-16 and is not: {error.reason}; expected UTF-8 text") from error
         line = data.count(b"\n", 0, error.start) + 1
         what = f"byte 0x{data[error.start]:02x} is not UTF-8; expected UTF-8 text"
         raise FileError(path, what, line) from error

@@ -10,6 +10,7 @@ from windmark import io
 from windmark.errors import UsageError
 from windmark.io.apart import read_apart
 from windmark.io.errors import reading
+from windmark.io.text import UTF_16
 from windmark.io.vtk_read import VTK_SUFFIXES
 
 KINDS = ("camera", "grid", "markers", "pictures")
@@ -122,6 +123,8 @@ def _guess(source: Path) -> Guess:
         return Guess((), "empty")
     if head.startswith((b"\x89HDF\r\n\x1a\n", b"CDF")):
         return Guess((_hdf(source),))
+    if head.startswith(UTF_16):
+        return _text(source, head[: len(head) // 2 * 2].decode("utf-16", "replace"))
     if b"\0" in head:
         return _binary(source, head)
     return _text(source, head.decode("utf-8-sig", "replace"))
@@ -155,9 +158,9 @@ def _text(source: Path, text: str) -> Guess:
         return Guess(("grid",)) if "<VTKFile" in text else Guess(("camera",))
     if suffix == ".json" or start == "{":
         return Guess(("camera",))
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "sep="))]
     words = {word.strip().strip('"').lower() for word in re.split(r"[,;\t]", lines[0])} if lines else set()
-    if {"name", "x", "y", "z"} <= words:
+    if {"name", "x", "y", "z"} <= {word.split(" [")[0] for word in words} and "node" not in words:
         return Guess(("markers",))
     for columns, what in _OTHER_TABLES:
         if set(columns) <= {word.split(" [")[0] for word in words}:

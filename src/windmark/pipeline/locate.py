@@ -18,13 +18,11 @@ from windmark.pipeline.project import Project
 from windmark.pipeline.project_entries import ImageEntry
 from windmark.pipeline.quantity import Quantity, quantity_of
 from windmark.pipeline.results import ImageResult
-from windmark.registration import NotRegistered, Registration
+from windmark.registration import Registration
 from windmark.scene import Detections, MarkerSet, Mesh
 from windmark.tasks.labels import excluded_spots, fixed_spots
+from windmark.tasks.mirrored import mirrored
 from windmark.tasks.sight import UNDER_GRID, sight
-
-UNEXPLAINED = ("nothing", "weak", "misfit")
-"""Refusals after which the mirror image of the table is tried."""
 
 
 @dataclass(frozen=True)
@@ -141,31 +139,9 @@ def _attempt(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Cloc
         )  # fmt: skip
     if isinstance(answer, Registration):
         return posed(result, answer, inputs)
-    if answer.cause in UNEXPLAINED:
-        with clock("register"):
-            mirror = _mirrored(found, result.camera, inputs)
-        answer = answer if mirror is None else mirror  # a refusal is false
+    with clock("register"):
+        answer = mirrored(found, inputs.markers, result.camera, answer, register_options(inputs))
     return replace(result, registration=answer, problem=f"not registered: {answer.reason}")
-
-
-def _mirrored(found: Detections, camera: Camera, inputs: Inputs) -> NotRegistered | None:
-    """The refusal that picture or table are mirrored, where the mirror image of the table is registered; else None.
-
-    Nothing less is asked of it than of the table itself, so chance is no answer. What hides a marker is unknown then;
-    where the table without that does as well, it is the grid that is wrong, and of a symmetric model both do.
-    """
-    assert inputs.markers is not None
-    turned = np.array([-1.0, 1.0, 1.0])
-    markers = replace(inputs.markers, xyz=inputs.markers.xyz * turned, normal=inputs.markers.normal * turned)
-    bare = {**register_options(inputs), "visible": None}
-    answer = registration.register(found, markers, camera, **bare)
-    if not isinstance(answer, Registration) or registration.register(found, inputs.markers, camera, **bare):
-        return None
-    reason = (
-        f"the mirror image of the table explains the spots ({len(answer.matching)} of {answer.n_expected} markers in "
-        "view), the table does not: the picture or the table is mirrored"
-    )
-    return NotRegistered(reason, "mirrored", options=answer.options)
 
 
 def looked(result: ImageResult, inputs: Inputs, clock: Clock, polarity: str) -> ImageResult:

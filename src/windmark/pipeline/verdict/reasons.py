@@ -12,6 +12,7 @@ _STEPS = {
     "exchanged": "give each camera its own pictures and its own file: two have each other's",
     "moved": "find the cameras' places anew (windmark calibrate), and see that each has its own file",
     "discs": "check radii (not diameters, same unit) and normals of the table",
+    "mirrored": "mirror the picture, or check the sign of the table's axes",
     "rows": "give each row of the table of points its own pictures; else see points.alpha_at_rest_deg and the laws",
     "units": "correct the unit, the cell or the pictures that are named",
     "saturated": "expose shorter or dim the lamps",
@@ -24,6 +25,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     ("are radii and normals right", "discs", _STEPS["discs"]),
     ("rows and pictures were exchanged", "lost", _STEPS["rows"]),
     ("are mixed, or", "units", _STEPS["units"]),
+    ("picture or the table is mirrored", "mirrored", _STEPS["mirrored"]),
     ("of the picture is saturated", "saturated", _STEPS["saturated"]),
 )
 """Words, the cause of the verdict, and the next step; the first that a sentence has."""
