@@ -162,6 +162,15 @@ def test_another_camera_is_told_of_a_sequence_as_of_one_picture(tunnel):
         assert "elsewhere" in verdict.reason
 
 
+def test_a_picture_that_was_written_twice_is_named(tunnel):
+    """Its pose is that of the instant before: 200 sigmas off."""
+    a, b, c = rows(tunnel)
+    assert track_verdict([a, b, c], "mm").word == GOOD
+    verdict = track_verdict([a, b, replace(b, name="again", index=2), c], "mm")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "file")
+    assert "again is f1 once more" in verdict.reason
+
+
 def test_mirrored_pictures_of_a_sequence_are_named(tunnel):
     """"16 of 16 markers could be chance", and to give it more time."""
     image = tunnel.shot("wind-off").image[:, ::-1]

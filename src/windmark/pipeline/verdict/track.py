@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,7 +28,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
     found += [*_misfit(good, unit), *_bent(good)]
     found += series_blur(("", r.blur_px, r.radius_px) for r in good)
     found += series_fields(("", r.fields_px) for r in good)
-    found += [*_few(good), *_missing(good)]
+    found += [*_few(good), *_missing(good), *_copies(rows)]
     rms, excess, spot = (middle([getattr(r, k) for r in good]) for k in ("rms_px", "excess_px", "spot_px"))
     beyond = excess if excess > rules.NOISE_TIMES * spot else 0.0
     return Verdict.of(
@@ -74,6 +75,23 @@ def _bent(good: Sequence[PoseRow]) -> list[Finding]:
             "one", "measure the deformation (windmark deform)",
         )
     ]  # fmt: skip
+
+
+def _copies(rows: Sequence[PoseRow]) -> list[Finding]:
+    """Pictures that show what the one before them shows, noise and all."""
+    copies = [(b.name, a.name) for a, b in pairwise(rows) if _same(a, b)]
+    if not copies:
+        return []
+    name, of = copies[0]
+    more = f", and {len(copies) - 1} more such" if len(copies) > 1 else ""
+    said = f"{name} is {of} once more (no spot differs by a tenth of its noise){more}: its pose is of another instant"
+    return [Finding(DOUBTFUL, "file", said, "leave the copy out, and look whether the recording dropped pictures")]
+
+
+def _same(a: PoseRow, b: PoseRow) -> bool:
+    (marker_a, at_a), (marker_b, at_b) = a.matches, b.matches
+    _, i, j = np.intersect1d(marker_a, marker_b, return_indices=True)
+    return bool(len(i) >= rules.FEW and np.abs(at_a[i, :2] - at_b[j, :2]).max() < 0.1 * b.spot_px)
 
 
 def _few(good: Sequence[PoseRow]) -> list[Finding]:
