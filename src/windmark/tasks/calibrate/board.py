@@ -132,7 +132,7 @@ def calibrate_dots(
     told = sum(p.board is not None and not p.board.freedom for p in pictures)
     apart = bool(board.marks) or 2 * told > sum(p.board is not None for p in pictures)
     if apart:
-        pictures = [_named(p) for p in pictures]
+        pictures = [_named(p, board) for p in pictures]
     datum = settings.datum or (Free() if apart else Fixed())
     if not apart:
         _refuse_moves(datum, settings.rig)
@@ -177,12 +177,23 @@ def _boards(pictures: Sequence[BoardPicture], board: Board) -> list[BoardPicture
     ]
 
 
-def _named(picture: BoardPicture) -> BoardPicture:
+def _named(picture: BoardPicture, board: Board) -> BoardPicture:
     """Without the picture whose dots are not told apart."""
     if picture.board is None or not picture.board.freedom:
         return picture
     open_ = "; ".join(FREEDOMS[f] for f in picture.board.freedom)
-    return replace(picture, problem=f"the marked dots were not found: {open_}", round=0)
+    rings = ""
+    if picture.holes is not None:
+        rings = f" (a hole is seen in {_rings(picture.detections, picture.holes)} dots, {len(board.marks)} are marked)"
+    return replace(picture, problem=f"the marked dots were not found{rings}: {open_}", round=0)
+
+
+def _rings(dots: Detections, holes: Detections) -> int:
+    """Dots with a hole about their centre."""
+    if not len(dots) or not len(holes):
+        return 0
+    far, dot = cKDTree(dots.xy).query(holes.xy)
+    return len(np.unique(dot[far < 0.5 * dots.radius_px[dot]]))
 
 
 def check_board(board: Board, settings: CalibrateSettings) -> None:
