@@ -126,7 +126,7 @@ def test_the_marked_dot_is_the_origin(session):
     assert out, out.reason
     assert "c-3r-4" in out.result.markers.name
     assert seen[5].count == 0
-    assert "marked dots were not found (a hole is seen in 0 dots, 1 are marked)" in seen[5].problem
+    assert "marked dots were not found (a hole is seen in 0 dots, 3 are marked)" in seen[5].problem
     assert len(out.result.views) == 5
 
 
