@@ -35,12 +35,17 @@ def test_a_project_need_not_give_the_radius(windmark, job):
 def test_register_need_not_either_and_says_where_none_prevails(windmark, job):
     arguments = ("-m", job / "markers.csv", "-c", job / "camera.json", "--unit", "mm", "-o", job / "registered")
     assert "radius taken" in windmark("register", job / "wind-off.tif", *arguments).out
-    io.write_image(job / "flat.png", np.full(io.read_grey(job / "wind-off.tif").shape, 9, np.uint8))
+    shape = io.read_grey(job / "wind-off.tif").shape
+    io.write_image(job / "flat.png", np.random.default_rng(3).integers(8, 11, shape).astype(np.uint8))
     done = windmark("register", job / "flat.png", *arguments)
     assert done.code == 1
     said = [line for line in done.out.splitlines() if "no radius prevails" in line]
     assert [line.count("no radius prevails") for line in said] == [1, 1], "once for the picture, once in the verdict"
     assert said[1].startswith("■ bad")
+    io.write_image(job / "empty.png", np.full(shape, 9, np.uint8))
+    done = windmark("register", job / "empty.png", *arguments)
+    assert done.code == 1
+    assert "■ bad: every pixel is at the level 9: the picture shows nothing" in done.out
 
 
 def test_colours_in_a_project(windmark, job):
