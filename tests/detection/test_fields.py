@@ -56,4 +56,17 @@ def test_few_spots_and_borders_say_nothing():
         assert found.sure_px == 0.0
     flat = field_shift(np.full_like(image, 7.0), spots.xy, 4.0)
     assert flat.sure_px == 0.0
+    assert field_shift(image, spots.xy, np.nan).sure_px == 0.0
+
+
+def test_dead_pixels_take_their_windows_out():
+    """Of an infrared picture they are NaN: they had ended the job in an error of linear algebra."""
+    image = combed(sheet(), 1.0, 0.0)
+    spots = detect(image, radius_px=4.0)
+    some, every = image.copy(), image.copy()
+    for x, y in np.rint(spots.xy[:12]).astype(int).tolist():
+        some[y, x + 3] = np.nan
+    every[::3] = np.nan
+    assert field_shift(some, spots.xy, 4.0).xy[0] == pytest.approx(1.0, abs=0.12)
+    assert field_shift(every, spots.xy, 4.0).sure_px == 0.0
     assert SURE > 4

@@ -126,6 +126,15 @@ def test_a_pose_or_a_picture_that_do_not_belong_together_are_doubted(tmp_path, t
     assert says in verdict.reason
 
 
+def test_walls_say_nothing_of_the_pose_of_a_model_that_moved(tunnel):
+    """At the model's pose they are where they would be if they had moved with it."""
+    shot, m, camera = tunnel.shot("wind-off"), tunnel.markers, tunnel.cameras["cam1"]
+    moved = replace(m, xyz=np.where((m.role == "wall")[:, None], m.xyz + np.array([3.0, 3.0, 0.0]), m.xyz))
+    at = markers_at_pose(shot.image, camera, shot.view.cam_from_model, moved, tunnel.mesh, "auto")
+    assert (at.expected, at.found) == (29, 29)
+    assert at.off_px < 0.1
+
+
 def test_few_markers_and_unknown_sizes_say_nothing_of_a_pose(tunnel):
     shot = tunnel.shot("wind-off")
     camera, pose, m = tunnel.cameras["cam1"], shot.view.cam_from_model, tunnel.markers

@@ -49,17 +49,18 @@ def field_shift(image: ArrayLike, xy: Array, radius_px: float) -> FieldShift:
     that the rows of a field have to themselves (sensors that are read at two sides) are each window's own. Where
     nothing moves, or all rows are taken at once, the shift is nought whatever the spots look like.
     """
+    if not radius_px > 0:
+        return UNKNOWN
     grey, xy = np.asarray(image), xy[:MOST]
     reach = int(np.ceil(radius_px)) + 3
     # From an even row on: the rows in between are odd, three rows of the other field lie beyond them.
     x0, y0 = np.rint(xy[:, 0]).astype(int) - reach, 2 * (np.rint(xy[:, 1] - reach).astype(int) // 2)
     inside = (x0 >= 0) & (y0 >= 0) & (x0 + 2 * reach < grey.shape[1]) & (y0 + 2 * reach + 3 < grey.shape[0])
-    if inside.sum() < LEAST:
-        return UNKNOWN
     rows = y0[inside, None, None] + np.arange(2 * reach + 4)[None, :, None]
     columns = x0[inside, None, None] + np.arange(2 * reach + 1)[None, None, :]
-    even, odd = (grey[rows[:, k::2], columns].astype(float) for k in (0, 1))
-    return _solved(even, odd)
+    windows = grey[rows, columns].astype(float)
+    windows = windows[np.isfinite(windows).all(axis=(1, 2))]  # dead pixels of an infrared picture are NaN
+    return _solved(windows[:, ::2], windows[:, 1::2]) if len(windows) >= LEAST else UNKNOWN
 
 
 def _solved(even: Array, odd: Array) -> FieldShift:

@@ -12,7 +12,8 @@ from windmark.io.text import Pathlike
 
 BETWEEN = "\0"
 """No cell holds it: what puts cells together may put it between them."""
-_SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)
+HINT = re.compile(r'"?sep=.?"?', re.IGNORECASE)
+"""A first line that tells spreadsheets the separator."""
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 
 
@@ -30,7 +31,7 @@ def rows_of(path: Pathlike, text: str, separator: str | None) -> Iterator[tuple[
     numbered = _Counted(text)
     for line in numbered:
         start = numbered.line
-        if not line.strip() or line.lstrip().startswith("#") or (start == 1 and _SEPARATOR.fullmatch(line.strip())):
+        if not line.strip() or line.lstrip().startswith("#") or (start == 1 and HINT.fullmatch(line.strip())):
             continue
         if separator is None:
             yield start, [line]

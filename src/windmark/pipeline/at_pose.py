@@ -41,6 +41,8 @@ def markers_at_pose(
     Of both polarities the one that finds more counts where ``polarity`` is "auto". Markers that the grid hides are not
     expected.
     """
+    if (of_model := markers.role != "wall").any():  # walls do not move with a model that is at its pose
+        markers = markers.take(np.flatnonzero(of_model))
     if not np.isfinite(markers.radius).all():
         return None
     if mesh is not None:

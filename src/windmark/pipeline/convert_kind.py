@@ -9,6 +9,7 @@ from pathlib import Path
 from windmark import io
 from windmark.errors import UsageError
 from windmark.io.apart import read_apart
+from windmark.io.csv_rows import HINT
 from windmark.io.errors import reading
 from windmark.io.text import UTF_16
 from windmark.io.vtk_read import VTK_SUFFIXES
@@ -158,7 +159,9 @@ def _text(source: Path, text: str) -> Guess:
         return Guess(("grid",)) if "<VTKFile" in text else Guess(("camera",))
     if suffix == ".json" or start == "{":
         return Guess(("camera",))
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "sep="))]
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    if lines and HINT.fullmatch(lines[0].strip()):
+        lines = lines[1:]
     words = {word.strip().strip('"').lower() for word in re.split(r"[,;\t]", lines[0])} if lines else set()
     if {"name", "x", "y", "z"} <= {word.split(" [")[0] for word in words} and "node" not in words:
         return Guess(("markers",))

@@ -132,15 +132,16 @@ def _attempt(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Cloc
         return result
     assert inputs.markers is not None
     fixed, excluded = told(found, entry, inputs)
+    options = register_options(inputs)
     with clock("register"):
         answer = registration.register(
             found, inputs.markers, result.camera, prior=inputs.prior_of(inputs.project.camera_of(entry).name),
-            fixed=fixed, excluded=excluded, **register_options(inputs),
+            fixed=fixed, excluded=excluded, **options,
         )  # fmt: skip
     if isinstance(answer, Registration):
         return posed(result, answer, inputs)
     with clock("register"):
-        answer = mirrored(found, inputs.markers, result.camera, answer, register_options(inputs))
+        answer = mirrored(found, inputs.markers, result.camera, answer, options)
     return replace(result, registration=answer, problem=f"not registered: {answer.reason}")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.verdict import rules
-from windmark.pipeline.verdict.lens import OtherInterior, other_interior
-from windmark.registration import Registration, Unchecked
-from windmark.scene import Detections, MarkerSet
+from windmark.pipeline.verdict.lens import NO_OTHER, OtherInterior, other_interior
+from windmark.registration import Unchecked
+from windmark.scene import MarkerSet
+from windmark.scene.detections import middle_sigma
 from windmark.tasks.follow import FollowedFrame
 
 Array = NDArray[np.float64]
@@ -62,7 +63,7 @@ class PoseRow:
     blur_px: float = np.nan
     radius_px: float = np.nan
     fields_px: float = 0.0
-    other: OtherInterior = field(default_factory=OtherInterior)
+    other: OtherInterior = NO_OTHER
 
     @staticmethod
     def of(frame: FollowedFrame) -> PoseRow:
@@ -77,21 +78,15 @@ class PoseRow:
         xy = frame.detections.xy[answer.matching.detection]
         matches = (answer.matching.marker, np.concatenate([xy, answer.residuals], axis=1))
         pov, sigma = pov_with_sigma(answer.cam_from_model, answer.cov)
-        spot = spot_sigma(frame.detections, answer)
+        spot = middle_sigma(frame.detections.cov[answer.matching.detection])
         misfits = answer.excess_px > rules.NOISE_TIMES * spot
         return PoseRow(
             *common, len(answer.matching), answer.n_expected, answer.rms_px, pov, sigma, answer.cam_from_model, matches,
             frame.time_s, answer.unchecked, answer.excess_px, spot, answer.off_table,
             0.0 if answer.deformation is None else answer.deformation.largest_px,
             frame.blur_px, float(np.median(frame.detections.radius_px[answer.matching.detection])),
-            frame.fields_px, other_interior(answer, spot) if misfits else OtherInterior(),
+            frame.fields_px, other_interior(answer, spot) if misfits else NO_OTHER,
         )  # fmt: skip
-
-
-def spot_sigma(spots: Detections, answer: Registration) -> float:
-    """Median 1 sigma per coordinate of the matched spots."""
-    cov = spots.cov[answer.matching.detection]
-    return float(np.sqrt(np.median(np.trace(cov, axis1=1, axis2=2) / 2))) if len(cov) else float("nan")
 
 
 def pov_with_sigma(pose: Pose, cov: Array) -> tuple[Array, Array]:

@@ -15,10 +15,15 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+def middle_sigma(cov: Array) -> float:
+    """Median 1 sigma per coordinate of places with covariances (N, 2, 2); NaN without any."""
+    return float(np.sqrt(np.median(np.trace(cov, axis1=1, axis2=2) / 2))) if len(cov) else float("nan")
+
+
 def _figures(d: Detections) -> dict[str, object]:
     if not len(d):
         return {"spots": 0}
-    sigma = np.sqrt(np.median(np.trace(d.cov, axis1=1, axis2=2) / 2))
+    sigma = middle_sigma(d.cov)
     return {
         "spots": len(d), "median radius px": f"{g3(np.median(d.radius_px))}", "median sigma px": f"{g2(sigma)}",
         "flagged": int((d.flags != 0).sum()),

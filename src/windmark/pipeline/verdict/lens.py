@@ -46,6 +46,10 @@ class OtherInterior:
         )  # fmt: skip
 
 
+NO_OTHER = OtherInterior()
+"""None that explains anything."""
+
+
 def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
     """Judge it to first order, ``spot_px`` being the spots' own noise (1 sigma per coordinate).
 
@@ -54,7 +58,7 @@ def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
     """
     cam, k = answer.camera, len(answer.matching)
     if 2 * k < 6 + 2 * len(INTERIOR):
-        return OtherInterior()
+        return NO_OTHER
     xyz = answer.cam_from_model.apply(answer.matched_xyz)
     _, _, by_xyz, by_camera = cam.project_jacobian(xyz)
     columns = [PARAMETERS.index(p) for p in INTERIOR]

@@ -15,6 +15,7 @@ from windmark.pipeline.verdict.lens import INTERIOR, lead_over_scatter, likelies
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Detections
+from windmark.scene.detections import middle_sigma
 from windmark.tasks.clicked_pair import ClickedPair, Clicks
 
 Array = NDArray[np.float64]
@@ -58,8 +59,7 @@ def _misfit(
     result: ClickedPair, spots: tuple[Detections, Detections], cameras: tuple[Camera, Camera], pose: Pose
 ) -> list[Finding]:  # fmt: skip
     """Distances from the lines beyond the spots' noise, by the pattern of another interior or without one."""
-    cov = np.concatenate([spots[0].cov[result.spot_a], spots[1].cov[result.spot_b]])
-    spot = float(np.sqrt(np.median(np.trace(cov, axis1=1, axis2=2) / 2)))
+    spot = middle_sigma(np.concatenate([spots[0].cov[result.spot_a], spots[1].cov[result.spot_b]]))
     rms = float(np.sqrt((result.distance_px**2).sum() / max(len(result.distance_px) - 5, 1)))
     residuals = f"matches are {g2(rms)} px from their epipolar lines, {g2(rms / spot)} times their spots' sigma"
     lead, turn = _other_interior(result, spots, cameras, pose, spot)

@@ -71,7 +71,7 @@ def _saturated(grey: NDArray[np.generic]) -> tuple[float, float]:
 
 
 def picture_findings(state: PictureState) -> list[Finding]:
-    """Saturated and blurred pictures."""
+    """Empty, saturated, blurred and interlaced pictures."""
     out = []
     if state.empty:
         said = f"every pixel is at the level {state.level:g}: the picture shows nothing"

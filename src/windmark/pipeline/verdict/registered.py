@@ -16,6 +16,7 @@ from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.registration import NotRegistered, Registration
 from windmark.registration.task import MIN_COUNT
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.detections import middle_sigma
 from windmark.tasks.odd import CHANCE, nearest_spots
 
 Array = NDArray[np.float64]
@@ -264,7 +265,7 @@ def _projected_sigma(answer: Registration, xyz: Array) -> Array:
 
 def spot_px(answer: Registration, spots: Detections) -> float:
     """1 sigma per coordinate of the matched spots, of the middle one."""
-    return float(np.sqrt(np.median(np.trace(spots.cov[answer.matching.detection], axis1=1, axis2=2) / 2)))
+    return middle_sigma(spots.cov[answer.matching.detection])
 
 
 def what_is_left(rms_px: float, beyond_px: float) -> str:

@@ -24,6 +24,7 @@ from windmark.geometry.two_view import (
     sampson_distance,
 )  # fmt: skip
 from windmark.scene import Detections
+from windmark.scene.detections import middle_sigma
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -139,8 +140,7 @@ class Job:
 
     def own_px(self, i: Ints, j: Ints) -> float:
         """1 sigma per coordinate of the matched spots, of the middle one."""
-        cov = np.concatenate([self.a.cov[i], self.b.cov[j]])
-        return float(np.sqrt(np.median(np.trace(cov, axis1=1, axis2=2) / 2)))
+        return middle_sigma(np.concatenate([self.a.cov[i], self.b.cov[j]]))
 
     def distance(self, geometry: Geometry, i: Ints, j: Ints) -> Array:
         """Signed distance of matches from their lines, px."""
