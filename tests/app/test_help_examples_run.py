@@ -148,6 +148,7 @@ def desks(tmp_path_factory, windmark):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")  # reports are drawn in the tests of their verbs
 @pytest.mark.parametrize("line", help_lines())
 def test_example_of_a_help_runs(line, desks, windmark, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

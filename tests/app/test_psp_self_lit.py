@@ -48,7 +48,7 @@ class SelfLit(PspTest):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_light_that_the_model_throws_on_itself_is_taken_off_and_said(windmark, tmp_path):
-    plain = psp_test(41, incidences=2, size_px=(640, 400), taps=tap_table(), nodes=8000, on_frames=2, off_frames=2)
+    plain = psp_test(41, incidences=2, size_px=(640, 400), taps=tap_table(), nodes=5000, on_frames=2, off_frames=2)
     test = SelfLit(**{name: getattr(plain, name) for name in plain.__dataclass_fields__} | {"points": plain.points[1:]})
     write_psp_test(tmp_path, test)
     text = (tmp_path / "psp.toml").read_text().replace("radius = 0.4", 'radius = 0.4\nin_situ = "compare"')

@@ -23,6 +23,8 @@ LEAST = 200
 """Pixels of a group that tell its variance within 10 %."""
 UNSURE = 0.2
 """The levels do not spread where the gain's sigma is more than this part of it."""
+MOST = 400_000
+"""Pixels that are asked: twenty frames then tell the gain within 0.3 %, whatever a sensor's size."""
 CUT = 4.0
 """Differences beyond so many sigmas of their group are motion, dust and hot pixels, no noise."""
 
@@ -87,13 +89,14 @@ def photon_transfer(
     given = np.asarray(frames)
     if given.ndim != 3 or len(given) < 2:
         raise UsageError(f"photon_transfer: frames must be (F, H, W) with F at least 2, got {given.shape}")
-    stack = given.astype(float) - np.asarray(dark, dtype=float)
-    good = np.isfinite(stack).all(axis=0)
-    if saturation is not None:
-        good &= (given < saturation).all(axis=0)
-    if good.sum() < 2 * LEAST:
-        return NotFitted(f"photon_transfer: {int(good.sum())} pixels count in all frames; {2 * LEAST} are needed")
-    stack = stack[:, good]
+    black = np.broadcast_to(np.asarray(dark, dtype=float), given.shape[1:])
+    good = np.isfinite(black)
+    for frame in given:
+        good &= np.isfinite(frame) if saturation is None else np.isfinite(frame) & (frame < saturation)
+    asked = _drawn(np.flatnonzero(good))
+    if len(asked) < 2 * LEAST:
+        return NotFitted(f"photon_transfer: {len(asked)} pixels count in all frames; {2 * LEAST} are needed")
+    stack = given.reshape(len(given), -1)[:, asked].astype(float) - black.ravel()[asked]
     level = stack.mean(axis=0)
     order = np.argsort(level, kind="stable")
     stack, level = stack[:, order], level[order]
@@ -104,6 +107,13 @@ def photon_transfer(
     found = _groups(stack, light, level, np.searchsorted(level, edges[:-1]))
     least = 1 / 12 if given.dtype.kind in "biu" else 0.0
     return _fitted(*found, light, least)
+
+
+def _drawn(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+    """At most `MOST` of them, drawn with a fixed seed: a stride would meet a sensor's even columns alone."""
+    if len(pixels) <= MOST:
+        return pixels
+    return np.sort(np.random.default_rng(0).choice(pixels, MOST, replace=False))
 
 
 def _flicker(stack: Array, level: Array) -> Array:

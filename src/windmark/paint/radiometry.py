@@ -209,12 +209,15 @@ def mean_dark(frames: ArrayLike) -> tuple[Array, Array, NDArray[np.bool_]]:
     A pixel is hot or dead where its level or its scatter is more than `HOT` robust sigmas from all others'. One frame
     alone has the variance of all pixels together.
     """
-    stack = np.asarray(frames, dtype=float)
+    stack = np.asarray(frames)
     if stack.ndim != 3 or not len(stack):
         raise ValueError(f"mean_dark: frames must be (F, H, W), got {stack.shape}")
-    mean = stack.mean(axis=0)
+    mean = stack.mean(axis=0, dtype=float)
     if len(stack) > 1:
-        own = stack.var(axis=0, ddof=1)
+        own = np.zeros(mean.shape)
+        for frame in stack:  # never all of them as floating point numbers
+            own += (frame - mean) ** 2
+        own /= len(stack) - 1
         # With few frames a pixel's own scatter says little: all pixels' scatter, and only hot ones their own.
         common = float(np.median(own)) * (len(stack) - 1) / _chi_median(len(stack) - 1)
         noisy = _apart(np.sqrt(own))
@@ -227,17 +230,21 @@ def mean_dark(frames: ArrayLike) -> tuple[Array, Array, NDArray[np.bool_]]:
 
 def mean_flat(frames: ArrayLike, sensor: SensorModel) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Relative sensitivity (H, W) of F frames of an even field, of mean 1; its variance; pixels that do not count."""
-    stack = np.asarray(frames, dtype=float)
+    stack = np.asarray(frames)
     if stack.ndim != 3 or not len(stack):
         raise ValueError(f"mean_flat: frames must be (F, H, W), got {stack.shape}")
-    light = [correct_picture(f, sensor) for f in stack]
-    value = np.mean([i.value for i in light], axis=0)
-    bad = np.any([~i.usable for i in light], axis=0) | ~(value > 0)
+    value, variance, bad = np.zeros(stack.shape[1:]), np.zeros(stack.shape[1:]), np.zeros(stack.shape[1:], bool)
+    for frame in stack:  # a hundred frames of 5 Mpx in full would be 12 GB
+        light = correct_picture(frame, sensor)
+        value += light.value
+        variance += light.variance
+        bad |= ~light.usable
+    value /= len(stack)
+    bad |= ~(value > 0)
     scale = float(np.mean(value[~bad])) if (~bad).any() else 0.0
     if not scale > 0:
         raise DataError("the flat pictures show no light")
-    variance = np.mean([i.variance for i in light], axis=0) / (len(stack) * scale**2)
-    return value / scale, variance, bad
+    return value / scale, variance / (len(stack) ** 2 * scale**2), bad
 
 
 def _robust_sigma(values: Array) -> float:
