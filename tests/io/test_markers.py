@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from windmark.io import FileError, read_markers, write_markers
+from windmark.io import FileError, read_markers, read_points, write_markers
 from windmark.scene import ROLES, MarkerSet
 
 TGTS = """#GRID_FILE: plate.grid
@@ -193,3 +193,34 @@ def test_tgts_without_sections_holds_targets(file):
 def test_bad_tgts(file, text, message):
     with pytest.raises(FileError, match=message):
         read_markers(file(text, "m.tgts"))
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("Name;X [mm];Y[MM];Z (mm)", "mm"),
+        ("name,x (inch),y (in),z [inches]", "in"),
+        ("name,x [mm],y,z", "mm"),
+        ("name,x [],y [-],z", ""),
+    ],
+)
+def test_unit_in_the_header(file, header, unit):
+    for read in (read_markers, read_points):
+        table = read(file(header + "\n" + ("A;1;2;3" if ";" in header else "A,1,2,3")))
+        assert table.length_unit == unit
+        assert table.xyz.tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name,x [mm],y [mm],z [in]\n", "line 1: the header has lengths in several units: x in mm, y in mm, z in in"),
+        ("# length unit: in\nname,x [mm],y [mm],z [mm]\nA,1,2,3\n", "says the length unit more than once: in, mm"),
+        ("name,x [mm],y [mm],z [mm],radius [in]\n", "several units: .*radius in in; expected one"),
+        ("name,x [mm],y [mm],z [mm],x\n", "line 1: the column 'x' is there more than once"),
+        ("name,x,y,z,nx [mm],ny,nz\n", r"line 1: unknown column 'nx \[mm\]'"),
+    ],
+)
+def test_units_in_the_header_that_contradict(file, text, message):
+    with pytest.raises(FileError, match=message):
+        read_markers(file(text))

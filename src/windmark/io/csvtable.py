@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.io.atomic import atomic_write
 from windmark.io.csv_rows import BETWEEN, rows_of
 from windmark.io.errors import LARGEST, LONGEST_NAME, FileError
+from windmark.io.header_units import split_units
 from windmark.io.text import Pathlike, read_text
 
 Array = NDArray[np.float64]
@@ -31,13 +32,14 @@ class Table:
     """The cells of a table as text, stripped, with the line (N,) each row starts on.
 
     ``cells`` has for each column the cells of some thousand rows in one text each, `BETWEEN` two of them: as single
-    texts they take ten times as much memory.
+    texts they take ten times as much memory. ``length_unit``: what the header says of the lengths, or "".
     """
 
     path: Pathlike
     columns: tuple[str, ...]
     cells: tuple[list[str], ...]
     lines: NDArray[np.int64]
+    length_unit: str = ""
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -149,11 +151,15 @@ def _number(cell: str) -> float:
         return float("inf")  # found, and named, as not finite
 
 
-def read_table(path: Pathlike, *, required: Sequence[str], known: Sequence[str] | None) -> Table:
+def read_table(
+    path: Pathlike, *, required: Sequence[str], known: Sequence[str] | None, lengths: Sequence[str] = (),
+    plain: Sequence[str] = (),
+) -> Table:  # fmt: skip
     """Read a table with a header line.
 
     Columns may come in any order and case, those ``required`` and others that are ``known`` (None: any), separated by
-    comma, semicolon or tab (as the header is). Blank lines and lines that start with ``#`` are skipped. UTF-8, with or
+    comma, semicolon or tab (as the header is). The header may have a unit behind ``lengths`` (``x [mm]``), and empty
+    brackets behind columns that are ``plain``. Blank lines and lines that start with ``#`` are skipped. UTF-8, with or
     without byte order mark.
 
     Raises
@@ -171,7 +177,8 @@ def read_table(path: Pathlike, *, required: Sequence[str], known: Sequence[str] 
     separator = next((s for s in ";\t," if any(s in cell for cell in header)), ",")
     rows = rows_of(path, text, separator)
     line, header = next(rows)
-    columns = tuple(cell.lower() for cell in _without_empty_end(header))
+    header_cells = tuple(cell.lower() for cell in _without_empty_end(header))
+    columns, length_unit = split_units(path, line, header_cells, lengths, plain)
     _check_header(path, line, columns, required, known)
     packed = _Packed(len(columns))
     for line, row in rows:
@@ -180,7 +187,7 @@ def read_table(path: Pathlike, *, required: Sequence[str], known: Sequence[str] 
             what = f"{len(row)} values; expected {len(columns)} ({', '.join(columns)})"
             raise FileError(path, what, line)
         packed.add(line, row)
-    return Table(path, columns, *packed.done())
+    return Table(path, columns, *packed.done(), length_unit)
 
 
 class _Packed:

@@ -16,6 +16,7 @@ from windmark.io.errors import FileError
 from windmark.io.text import Pathlike, read_text
 from windmark.io.tgts import read_tgts
 from windmark.scene import ROLES, MarkerSet
+from windmark.scene.units import IN_WORDS
 
 Array = NDArray[np.float64]
 
@@ -35,9 +36,9 @@ _UNIT = re.compile(r"^[ \t]*#[ \t]*length[ _]unit:[ \t]*([^\s;]+)(?:;.*|[ \t]*)\
 def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) -> MarkerSet:
     """Read a marker table.
 
-    CSV: a header ``name,x,y,z[,nx,ny,nz][,radius][,volume][,role][,sigma_x,sigma_y,sigma_z]`` in any
-    order and case, separated by comma, semicolon or tab; ``#`` starts a comment line; an empty cell
-    is an unknown value (volume and role: "model"). ``.tgts``: see `windmark.io.tgts`.
+    CSV: a header ``name,x,y,z[,nx,ny,nz][,radius][,volume][,role][,sigma_x,sigma_y,sigma_z]`` in any order and case,
+    separated by comma, semicolon or tab; lengths may have their unit behind them (``x [mm]``); ``#`` starts a comment
+    line; an empty cell is an unknown value (volume and role: "model"). ``.tgts``: see `windmark.io.tgts`.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) 
 
     Returns
     -------
-    MarkerSet in the file's order, lengths in the file's own unit; ``length_unit`` is what a comment of the file says
+    MarkerSet in the file's order, lengths in the file's own unit; ``length_unit`` is what a comment or the header says
     (see `read_marker_unit`), "" where it says none
 
     Raises
@@ -67,11 +68,11 @@ def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) 
         has = f"its {len(markers)} entries are {', '.join(found)}" if found else "the table has no rows"
         wanted = "" if roles is None else f" of role {', '.join(roles)}"
         raise FileError(path, f"no markers{wanted}; {has}")
-    return replace(chosen, length_unit=read_marker_unit(path))
+    return replace(chosen, length_unit=read_marker_unit(path, markers.length_unit))
 
 
-def read_marker_unit(path: Pathlike) -> str:
-    """The length unit that a comment of a table of places says (``# length unit: mm``), "" where none does.
+def read_marker_unit(path: Pathlike, header: str = "") -> str:
+    """The length unit that a table of places says (``# length unit: mm``, or in its ``header``), "" where none does.
 
     "free" is that of a reconstruction without scale.
 
@@ -80,7 +81,7 @@ def read_marker_unit(path: Pathlike) -> str:
     FileError
         When the file is no text, or says it twice and differently.
     """
-    found = sorted(set(_UNIT.findall(read_text(path))))
+    found = sorted({IN_WORDS.get(unit, unit) for unit in [*_UNIT.findall(read_text(path)), *filter(None, [header])]})
     if len(found) > 1:
         raise FileError(path, f"says the length unit more than once: {', '.join(found)}; expected one")
     return found[0] if found else ""
@@ -129,7 +130,7 @@ def _columns(names: tuple[str, ...], values: Array) -> dict[str, NDArray]:
 
 
 def _read_csv(path: Pathlike) -> MarkerSet:
-    table = read_table(path, required=("name", *XYZ), known=COLUMNS)
+    table = read_table(path, required=("name", *XYZ), known=COLUMNS, lengths=(*XYZ, "radius", *SIGMA), plain=NORMAL)
     names = table.names()
     xyz = np.stack([table.numbers(column) for column in XYZ], axis=1)
     normal = table.together(*NORMAL)
@@ -144,8 +145,9 @@ def _read_csv(path: Pathlike) -> MarkerSet:
     if sigma is not None:
         table.check(~(sigma < 0).any(axis=1), "sigma_x, sigma_y, sigma_z must be >= 0, or empty where unknown")
     markers = MarkerSet.make(
-        names, xyz, sigma=sigma, radius=radius, normal=normal, volume=_words(table, "volume"), role=_roles(table)
-    )
+        names, xyz, sigma=sigma, radius=radius, normal=normal, volume=_words(table, "volume"), role=_roles(table),
+        length_unit=table.length_unit,
+    )  # fmt: skip
     return _with_own_unit_normals(markers, normal)
 
 

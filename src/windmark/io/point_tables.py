@@ -15,7 +15,7 @@ from windmark.io.atomic import atomic_path
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
 from windmark.io.fields import LENGTH, label, written_by
-from windmark.io.markers import read_marker_unit, read_markers
+from windmark.io.markers import NORMAL, XYZ, read_marker_unit, read_markers
 from windmark.io.netcdf_write import Variable, write_variables
 from windmark.io.numbers_text import format_rows
 from windmark.io.text import Pathlike
@@ -64,10 +64,10 @@ def read_points(path: Pathlike, *, roles: Sequence[str] | None = None) -> PointL
     points = _of_tgts(path, roles) if Path(path).suffix.lower() == ".tgts" else _of_csv(path)
     if roles is not None:
         keep = np.isin(points.role, list(roles))
-        points = PointList(*(getattr(points, f)[keep] for f in ("name", "xyz", "normal", "volume", "role")))
+        points = replace(points, **{f: getattr(points, f)[keep] for f in ("name", "xyz", "normal", "volume", "role")})
     if not len(points):
         raise FileError(path, "no points" + ("" if roles is None else f" of role {', '.join(roles)}"))
-    return replace(points, length_unit=read_marker_unit(path))
+    return replace(points, length_unit=read_marker_unit(path, points.length_unit))
 
 
 def _of_tgts(path: Pathlike, roles: Sequence[str] | None) -> PointList:
@@ -79,9 +79,9 @@ def _of_tgts(path: Pathlike, roles: Sequence[str] | None) -> PointList:
 
 
 def _of_csv(path: Pathlike) -> PointList:
-    table = read_table(path, required=("name", "x", "y", "z"), known=None)
+    table = read_table(path, required=("name", *XYZ), known=None, lengths=XYZ, plain=NORMAL)
     names = table.names()
-    normal = table.together("nx", "ny", "nz")
+    normal = table.together(*NORMAL)
     if normal is None:
         normal = np.full((len(table), 3), np.nan)
     known = np.isfinite(normal)
@@ -97,6 +97,7 @@ def _of_csv(path: Pathlike) -> PointList:
         normal,
         np.array(table.text("volume") if "volume" in table else [""] * len(table), dtype=np.str_),
         np.array(roles, dtype=np.str_),
+        table.length_unit,
     )
 
 
