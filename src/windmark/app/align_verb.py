@@ -8,14 +8,21 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import NDArray
+
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.errors import UsageError
 from windmark.pipeline.align2d import AlignedFile, AlignSettings, Reference, align_files, read_named, read_reference
 from windmark.pipeline.align2d.outputs import ratios, record_of, write_one
 from windmark.pipeline.settings import unusable_name
+from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict.aligned import align_verdict
+from windmark.pipeline.verdict.picture import PictureState, picture_state
+from windmark.scene import Detections
 from windmark.tasks.align2d.align import check_options
 
 if TYPE_CHECKING:
@@ -52,10 +59,14 @@ def align(wishes: Wishes, as_json: bool) -> None:
         show(f"find the markers of {base.name}")
         reference = read_reference(base, settings)
         rows: list[Record] = []
+        states = {base.name: _state(reference.image, reference.spots, reference)}
         shown = Shown(reference)
         for item in align_files(others, reference, settings, progress=show):
             write_one(item, reference, out.place / item.name)
             rows.append(record_of(item, reference))
+            if item.image is not None:
+                spots = None if item.alignment is None else item.alignment.image_spots
+                states[item.path.name] = _state(item.image, spots, reference)
             shown.add(item)
         record = {
             "reference": base.name, "images": rows, "radius": reference.radius_note,
@@ -63,16 +74,20 @@ def align(wishes: Wishes, as_json: bool) -> None:
             "seconds": job_time() - start, "folder": wishes.output,
         }  # fmt: skip
         show("draw the report")
-        page = _report(out.place, record, shown)
+        verdict = align_verdict(rows, states)
+        record["verdict"] = verdict.record()
+        page = _report(out.place, record, shown, verdict)
         io.write_json(out.place / "summary.json", record)
         out.refused = not any(row["aligned"] for row in rows)
     lines = [reference.radius_note] if reference.radius_note else []
     lines += [line(row) for row in rows]
     good = [row for row in rows if row["aligned"]]
     if good or not as_json:
-        console.answer(record, as_json, [*lines, *not_drawn(page.failed), f"report: {wishes.output / 'report.html'}"])
+        lines += [*(verdict_lines(verdict) if good else []), *not_drawn(page.failed)]
+        console.answer(record, as_json, [*lines, f"report: {wishes.output / 'report.html'}"])
     if not good:
-        console.refuse(f"no image could be aligned; {rows[0]['image']}: {rows[0]['problem']}", as_json, record)
+        console.refuse(f"no image could be aligned; {rows[0]['image']}: {rows[0]['problem']}", as_json, record,
+                       verdict.next_step)  # fmt: skip
 
 
 def split_reference(
@@ -152,10 +167,17 @@ def line(row: Record) -> str:
     )
 
 
-def _report(place: Path, record: Record, shown: Shown) -> Report:
+def _state(image: NDArray[Any], spots: Detections | None, reference: Reference) -> PictureState:
+    """State of a picture; of named spots there is no size."""
+    grey = image if image.ndim == 2 else image.mean(axis=2)
+    return picture_state(grey, None if reference.named is not None else spots, reference.polarity)
+
+
+def _report(place: Path, record: Record, shown: Shown, verdict: Verdict) -> Report:
     from windmark.app.align_report import align_report
 
     page = align_report(record, shown.pictures())
+    put_verdict(page, verdict)
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     record["not_drawn"] = page.failed
     return page

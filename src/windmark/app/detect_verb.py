@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 from windmark import detection, io
 from windmark.app import console
 from windmark.app.alone import Unreadable, not_drawn, png_alone
+from windmark.app.verdict_words import verdict_lines
 from windmark.detection import RadiusEstimate, Rejected
 from windmark.errors import UsageError
 from windmark.options.detection import CHANNEL
+from windmark.pipeline.verdict.detected import Looked, detect_verdict
+from windmark.pipeline.verdict.picture import PictureState, picture_state
 from windmark.scene import Detections
+from windmark.scene.detections import middle_sigma
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -57,6 +61,7 @@ class _Found:
     estimate: RadiusEstimate | None
     spots: Detections
     rejected: Rejected | None
+    state: PictureState
     why_none: str = ""
     polarity: str = "dark"
     decided: str = ""
@@ -82,13 +87,17 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     lines = [_line(name, one) for name, one in found.items()] + lost.lines()
     record = {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output),
               "left_out": lost.why, "not_drawn": failed}  # fmt: skip
-    lines += [*not_drawn(failed), *([f"written: {', '.join(map(str, written))}"] if written else [])]
+    verdict = detect_verdict({name: Looked(one.state, len(one.spots), middle_sigma(one.spots.cov), one.why_none)
+                              for name, one in found.items()}, lost.why)  # fmt: skip
+    record["verdict"] = verdict.record()
+    lines += [*(verdict_lines(verdict) if good else []), *not_drawn(failed)]
+    lines += [f"written: {', '.join(map(str, written))}"] if written else []
     if good:
         console.answer(record, as_json, lines)
         return
     if not as_json:
         console.answer(record, False, lines)
-    console.refuse(_why_none(found, wishes), as_json, record)
+    console.refuse(_why_none(found, wishes), as_json, record, verdict.next_step)
 
 
 def _write(found: dict[str, _Found], wishes: Wishes, good: bool, failed: list[str]) -> list[Path]:
@@ -159,8 +168,9 @@ def _detect_one(image: Image, wishes: Wishes) -> _Found:
         count = len(look.detections)
         why = detection.hint(image, options, count) if count < detection.FEW else ""
     return _Found(
-        image, mask, look.radii_px, look.radius, look.detections, look.rejected, why, look.polarity, look.words
-    )
+        image, mask, look.radii_px, look.radius, look.detections, look.rejected,
+        picture_state(image, look.detections, look.polarity), why, look.polarity, look.words,
+    )  # fmt: skip
 
 
 def _rejected_columns(found: dict[str, _Found]) -> dict[str, Any]:

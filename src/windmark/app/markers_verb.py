@@ -9,9 +9,12 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict.layout import layout_verdict
 from windmark.tasks.marker_check import CheckSettings, MarkerCheck, check_markers
 
 Record = dict[str, Any]
@@ -58,20 +61,21 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
         record: Record = {"file": files.markers, **done.record(), "camera_file": files.camera,
                           "grid_file": files.grid, "seconds": job_time() - start,
                           "folder": files.output}  # fmt: skip
-        record["not_drawn"] = write_check(done, out.place, files.markers.name)
+        verdict = layout_verdict(done)
+        record |= {"verdict": verdict.record(), "not_drawn": write_check(done, verdict, out.place, files.markers.name)}
         io.write_json(out.place / "summary.json", record)
     head, *lines = done.lines()
     page = files.output / "check.html"
     console.answer(
         record, as_json, [f"{files.markers.name}: {len(markers)} markers, {head}", *lines,
-                          *not_drawn(record["not_drawn"]), f"report: {page}"],
+                          *verdict_lines(verdict), *not_drawn(record["not_drawn"]), f"report: {page}"],
     )  # fmt: skip
     if not done.identifiable:
         # With --json the record is out already; the reason is in it.
         console.refuse(f"{files.markers}: {done.reason()}", False)
 
 
-def write_check(done: MarkerCheck, place: Path, name: str) -> list[str]:
+def write_check(done: MarkerCheck, verdict: Verdict, place: Path, name: str) -> list[str]:
     """Table of directions, the changed layout, pictures and page; what could not be drawn."""
     from windmark.app.markers_pictures import check_page
 
@@ -79,6 +83,7 @@ def write_check(done: MarkerCheck, place: Path, name: str) -> list[str]:
     if done.proposals:
         io.write_markers(place / "markers-proposed.csv", done.proposals[0].stage.markers)
     page = check_page(done, name, place)
+    put_verdict(page, verdict)
     (place / "check.html").write_text(page.html(), encoding="utf-8")
     return page.failed
 

@@ -1,0 +1,72 @@
+"""The verdict on images aligned in 2D: what was not aligned, places that the markers do not agree about, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from windmark.errors import g2
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.picture import PictureState, picture_findings
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+
+Record = Mapping[str, Any]
+
+_REFUSED = {
+    "no_spots": ("few", "see what windmark detect finds in it, with --explain"),
+    "too_few": ("few", "see what windmark detect finds in it; or name markers by hand (--matches)"),
+    "undetermined": ("few", "take a simpler --kind, or name more markers by hand (--matches)"),
+    "nothing": ("no match", "see that it is the same model from about the same side; or name markers (--matches)"),
+    "weak": ("no match", "see that it is the same model; or name some markers by hand (--matches)"),
+    "ambiguous": ("layout", "say how far the model moves at most (--max-shift-px), or name markers (--matches)"),
+    "mirrored": ("mirrored", "mirror the picture as it was before"),
+}
+"""Cause of the verdict and next step for each cause of `NotAligned`."""
+_UNREAD = ("file", "read the reason; export the picture again")
+
+
+def align_verdict(rows: Sequence[Record], states: Mapping[str, PictureState]) -> Verdict:
+    """Judge an alignment.
+
+    Parameters
+    ----------
+    rows : one record an image, as ``summary.json`` has them
+    states : by name, the reference's included
+    """
+    found = [f.at(name) for name, state in states.items() for f in picture_findings(state)]
+    for row in rows:
+        found += [f.at(row["image"]) for f in (_aligned(row) if row["aligned"] else [_refused(row)])]
+    good = [row for row in rows if row["aligned"]]
+    worst = max((row["held_out_rms_px"] for row in good), default=0.0)
+    what = "the image is" if len(rows) == 1 else f"all {len(rows)} images are"
+    return Verdict.of(
+        found, len(rows), f"{what} aligned; markers are at most {g2(worst)} px RMS from where the others say",
+        "look at the ratios in the report; outside the markers sigma.tif says how sure a place is",
+    )  # fmt: skip
+
+
+def _refused(row: Record) -> Finding:
+    cause, step = _REFUSED.get(row["cause"], _UNREAD)
+    return Finding(BAD, cause, row["problem"], step)
+
+
+def _aligned(row: Record) -> list[Finding]:
+    out = []
+    held, most = row["held_out_rms_px"], rules.PLACE_PX * 2**0.5
+    if held > most:
+        out.append(
+            Finding(
+                DOUBTFUL,
+                "noise",
+                f"markers are {g2(held)} px RMS from where a fit without them says, and so is what lies between them",
+                "paint more markers, try another --kind, or align in 3D (a camera and a grid) where relief moves",
+            )
+        )
+    pairs, gone = row["pairs"], row["rejected_pairs"]
+    if gone > rules.LEFT_OUT * (pairs + gone) and gone > 1:
+        said = f"{gone} of {pairs + gone} pairs of markers contradict the others and were left out"
+        out.append(Finding(DOUBTFUL, "marker", said, "see which in residuals.csv: markers that moved, or wrong names"))
+    if pairs < rules.FEW:
+        said = f"{pairs} pairs of markers carry the transformation: a wrong one would hardly show"
+        out.append(Finding(DOUBTFUL, "few", said, "paint more markers, or take a simpler --kind"))
+    return out
