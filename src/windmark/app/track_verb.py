@@ -22,7 +22,7 @@ from windmark.errors import g3
 from windmark.geometry import Camera
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.same_run import made_with
-from windmark.pipeline.track_files import FollowOptions
+from windmark.pipeline.track_files import FollowOptions, first_state
 from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
 from windmark.pipeline.track_series import Series, follow_series
 from windmark.pipeline.verdict import Verdict
@@ -87,12 +87,12 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
             **sequence_summary(rows, camera, unit), "seconds": job_time() - start, "folder": wishes.output,
             "polarity": series.polarity,
         }  # fmt: skip
-        verdict = track_verdict(rows, unit)
+        verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None)
         record["verdict"] = verdict.record()
         page = _write(out.place, series, markers, camera, unit, record)
         out.refused = last is None
     if last is None:
-        console.refuse(f"no image gave a pose; the first: {rows[0].reason}", as_json, record)
+        console.refuse(verdict.reason, as_json, record, verdict.next_step)
     auto = series.polarity == "bright" and how.polarity == "auto"
     decided = ["bright markers: dark spots gave no pose"] if auto else []
     missing = not_drawn(page.failed)

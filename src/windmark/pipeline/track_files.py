@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from windmark import io
+from windmark import detection, io
 from windmark.geometry import Camera
 from windmark.options.detection import CHANNEL
+from windmark.pipeline.verdict.picture import PictureState, picture_state
 from windmark.scene import MarkerSet
 from windmark.tasks import follow as task
 from windmark.tasks.follow import FollowedFrame, Image
@@ -36,3 +38,16 @@ def follow(
     how = options or FollowOptions()
     read = partial(io.read_grey, channel=how.channel, bayer=how.bayer)
     return task.follow(images, markers, camera, options=how, read=read, instants=instants, handed_on=handed_on)
+
+
+def first_state(images: Iterable[io.PictureFile], options: FollowOptions) -> PictureState | None:
+    """State of the first picture that can be read, for a sequence in which none gave a pose; None where none can."""
+    for image in images:
+        with suppress(io.FileError):
+            grey = io.read_grey(image, channel=options.channel, bayer=options.bayer)
+            look = detection.find_markers(
+                grey, radius_px=options.radius_px, polarity=options.polarity, merit_max=options.merit_max,
+                mask=options.mask,
+            )  # fmt: skip
+            return picture_state(grey, look.detections, look.polarity)
+    return None

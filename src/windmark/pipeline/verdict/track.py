@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,20 +11,21 @@ import numpy as np
 from windmark.errors import g1, g2
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
-from windmark.pipeline.verdict.picture import series_blur, series_fields
+from windmark.pipeline.verdict.picture import PictureState, picture_findings, series_blur, series_fields
+from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import what_is_left
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
-from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding, Verdict
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 
 
-def track_verdict(rows: Sequence[PoseRow], unit: str) -> Verdict:
-    """Judge a followed sequence."""
+def track_verdict(rows: Sequence[PoseRow], unit: str, first: PictureState | None = None) -> Verdict:
+    """Judge a followed sequence; ``first``: state of its first picture, where none gave a pose."""
     good = [r for r in rows if r.cam_from_model is not None]
     if not good:
-        reason = rows[0].reason if rows else "there are no images"
-        return bad_series(
-            "no match", f"no image gave a pose; the first: {reason}", "run windmark register on one image first"
-        )
+        reason = f"no image gave a pose; the first: {rows[0].reason if rows else 'there are no images'}"
+        if first is not None and (seen := picture_findings(first)) and told_by(reason) is None:
+            return Verdict.of([replace(f, word=BAD, reason=f"{reason}; {f.reason}") for f in seen], 1, "", "")
+        return bad_series("no match", reason, "run windmark register on one image first")
     found = lost_findings([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
     found += [*_misfit(good, unit), *_bent(good)]
     found += series_blur(("", r.blur_px, r.radius_px) for r in good)
