@@ -19,13 +19,14 @@ from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import BAD, CAUSES, DOUBTFUL, GOOD, Finding, Verdict
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.pipeline.verdict.errors import error_verdict
+from windmark.pipeline.verdict.grid import units_findings
 from windmark.pipeline.verdict.infrared import infrared_verdict
 from windmark.pipeline.verdict.network import _left_out, reconstruct_verdict
 from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
 from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_blur
 from windmark.pipeline.verdict.reasons import MOVED
 from windmark.pipeline.verdict.registered import REFUSALS, refused
-from windmark.pipeline.verdict.run import run_verdict, units_findings
+from windmark.pipeline.verdict.run import run_verdict
 from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import NotRegistered, register
 from windmark.registration.result import CAUSES as REGISTRATION_CAUSES

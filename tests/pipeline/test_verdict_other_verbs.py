@@ -15,6 +15,7 @@ from windmark.pipeline.project import read_project
 from windmark.pipeline.simulate_cameras import camera_shots
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import BAD, DOUBTFUL, GOOD
+from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.pair import pair_verdict
 from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_fields
 from windmark.pipeline.verdict.run import _contradicted, _given_pose, run_verdict
@@ -264,3 +265,30 @@ def test_a_wrong_match_is_told_by_what_the_others_leave():
     assert result, result.reason
     assert free not in result.spot_a.tolist()
     assert np.abs(result.distance_px).max() < 0.06
+
+
+# --- a grid beside its markers ----------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("move", "word", "says"),
+    [
+        (lambda p, s: p, None, ""),
+        (lambda p, s: p + np.array([0, 0, 2e-3 * s]), DOUBTFUL, "where it is shifted by"),
+        (lambda p, s: 1.005 * p, DOUBTFUL, "smaller"),
+        (lambda p, s: p[:, [0, 2, 1]] * [1, 1, -1], BAD, "with its x, -z, y as x, y, z it goes through them"),
+        ("thicker", DOUBTFUL, "off the grid's surface"),
+    ],
+)
+def test_a_grid_that_is_not_where_the_markers_are_is_told(tunnel, move, word, says):
+    if move == "thicker":
+        normals = tunnel.mesh.vertex_normals()
+        skin = 3e-3 * tunnel.mesh.size * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        mesh = replace(tunnel.mesh, vertices=tunnel.mesh.vertices + skin)
+    else:
+        mesh = replace(tunnel.mesh, vertices=move(tunnel.mesh.vertices, tunnel.mesh.size))
+    found = grid_findings(tunnel.markers, mesh, "mm")
+    if word is None:
+        assert found == []
+        return
+    (one,) = found
+    assert (one.word, one.cause) == (word, "grid")
+    assert says in one.reason

@@ -40,6 +40,7 @@ from windmark.pipeline.deform.series import NOT_TRIED, STATUS
 from windmark.pipeline.resume import begun_with
 from windmark.pipeline.verdict import Verdict, rules
 from windmark.pipeline.verdict.deform import deform_verdict
+from windmark.pipeline.verdict.grid import grid_findings
 
 Record = dict[str, Any]
 
@@ -133,8 +134,10 @@ def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: flo
     """Report, film and summary beside the tables."""
     record, folder = summary(loaded, sequence), out.place
     zero = [key_of(key) for key in loaded.project.sequence.zero]
-    verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True),
-                             loaded.project.length_unit, zero, loaded.test.volumes.names)  # fmt: skip
+    unit = loaded.project.length_unit
+    beside = [] if loaded.mesh is None else grid_findings(loaded.test.markers, loaded.mesh, unit)
+    verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True), unit, zero,
+                             loaded.test.volumes.names, beside)  # fmt: skip
     page = deform_page(loaded, sequence, record, folder)
     put_verdict(page, verdict)
     page.provenance(Provenance.of_project(loaded.project, out.sources()))

@@ -27,6 +27,7 @@ from windmark.pipeline.infrared import (
     reduced,
     run_infrared,
 )
+from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.infrared import infrared_verdict
 
 Record = dict[str, Any]
@@ -50,7 +51,9 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         )  # fmt: skip
         show("draw the report")
         record = summary(run, result)
-        verdict = infrared_verdict(result.records, result.remarks, run.project.length_unit)
+        unit = run.project.length_unit
+        beside = grid_findings(run.deforming.test.markers, run.mesh, unit)
+        verdict = infrared_verdict(result.records, result.remarks, unit, beside)
         page = infrared_page(run, result, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(run.project, out.sources()))

@@ -19,8 +19,8 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
+from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
-from windmark.pipeline.verdict.run import units_findings
 
 Record = dict[str, Any]
 
@@ -54,7 +54,7 @@ def psp(
         if (given := test.project.loads) is not None:
             further += reference_findings(test.mesh, given.area, given.chord, unit)
         sections = [s.name for s in test.project.section]
-        verdict = psp_verdict(records, units_findings(markers, test.mesh, unit), unit, sections, further)
+        verdict = psp_verdict(records, grid_findings(markers, test.mesh, unit), unit, sections, further)
         page = psp_page(test, records, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(test.project, out.sources()))

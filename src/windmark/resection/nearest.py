@@ -91,7 +91,7 @@ def nearest_on_surface(
     if volume is not None and np.shape(volume) != (len(points),):
         raise ValueError(f"nearest_on_surface: volume must be ({len(points)},), got {np.shape(volume)}")
     limit = reach(mesh, max_distance)
-    search = _Search(mesh)
+    search = Search(mesh)
     n = len(points)
     out = SurfacePoints(
         np.full((n, 3), np.nan), np.full(n, -1, np.int32), np.full((n, 2), np.nan), np.full((n, 3), np.nan),
@@ -121,7 +121,7 @@ def reach(mesh: Mesh, max_distance: float | None) -> float:
 Found = tuple[int, Array, Array, float]
 
 
-class _Search:
+class Search:
     """Triangles in classes of size, each with a tree of middles: what may touch a ball is found without all others."""
 
     def __init__(self, mesh: Mesh) -> None:

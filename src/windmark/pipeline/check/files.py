@@ -16,9 +16,10 @@ from windmark.pipeline.check.paths import MODELS, other_paths, similar
 from windmark.pipeline.check.places import place_lists
 from windmark.pipeline.check.problems import Checked, Problem, keys_of, noting
 from windmark.pipeline.deform.load import WHERE_IT_STANDS
-from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.settings import existing, existing_picture
 from windmark.pipeline.toml_lines import Key, line_of
+from windmark.pipeline.verdict import BAD
+from windmark.pipeline.verdict.grid import grid_findings
 from windmark.scene import MarkerSet, Mesh
 
 MOST_PICTURES = 2000
@@ -134,10 +135,12 @@ class Files:
             self.out.problems.append(Problem(line_of(self.lines, keys_of(key)), key, words))
 
     def _fit(self, markers: MarkerSet, mesh: Mesh, unit: str) -> None:
-        units, _ = likely_unit(markers.xyz[markers.role != "wall"], model_box(mesh), unit)
-        if units:
-            words = f"by their size and place on the grid the markers are rather in {' or '.join(units)} than in {unit}"
-            self.out.problems.append(Problem(line_of(self.lines, ("markers", "file")), "markers.file", words))
+        for found in grid_findings(markers, mesh, unit):
+            if found.word == BAD or found.cause == "units":
+                line = line_of(self.lines, ("markers", "file"))
+                self.out.problems.append(Problem(line, "markers.file", found.reason))
+            else:
+                self.out.read.append(f"to look at: {found.reason}")
 
     def _image(self, n: int, entry: dict[str, Any]) -> None:
         file, key = entry.get("file"), f"image[{self.numbers[n] if self.numbers else n}].file"

@@ -21,10 +21,12 @@ def deform_verdict(
     unit: str = "",
     zero: Sequence[str] = (),
     parameters: Sequence[str] = (),
+    grid: Sequence[Finding] = (),
 ) -> Verdict:
     """Judge a deformation test; ``weak`` is what its set-up hardly determines, in words; ``unit`` that of lengths.
 
-    ``zero``: keys of the wind-off frames; ``parameters``: names of those of the laws.
+    ``zero``: keys of the wind-off frames; ``parameters``: names of those of the laws;
+    ``grid`` of `grid_findings`.
     """
     good = [r for r in records if r.status in ("cold", "tracked", MISFIT)]
     if not good:
@@ -32,7 +34,7 @@ def deform_verdict(
         cause = "moved" if "not where it should be" in reason else "no match"
         step = "place the named camera anew" if cause == "moved" else "see the reason of the first frame"
         return bad_series(cause, f"no frame gave a deformation; the first: {reason}", step)
-    found = lost_findings([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")
+    found = [*grid, *lost_findings([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")]
     found += followed_findings([_followed(r) for r in good], unit)
     found += _zero(good, zero, parameters)
     if weak:

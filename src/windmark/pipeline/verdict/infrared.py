@@ -15,8 +15,17 @@ from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 
 
-def infrared_verdict(records: Sequence[FrameRecord], remarks: Sequence[str] = (), unit: str = "") -> Verdict:
-    """Judge an infrared run; ``remarks`` are on the whole of it, ``unit`` is that of lengths."""
+def infrared_verdict(
+    records: Sequence[FrameRecord], remarks: Sequence[str] = (), unit: str = "", grid: Sequence[Finding] = ()
+) -> Verdict:
+    """Judge an infrared run.
+
+    Parameters
+    ----------
+    remarks : on the whole of it
+    unit : of lengths
+    grid : what is to be said of grid and markers, see `grid_findings`
+    """
     good = [r for r in records if r.status == "reduced"]
     if not good:
         return bad_series(
@@ -24,7 +33,8 @@ def infrared_verdict(records: Sequence[FrameRecord], remarks: Sequence[str] = ()
             f"no frame could be reduced; the first: {records[0].reason if records else 'none'}",
             "see the reason; run windmark register on one of its pictures",
         )
-    found = lost_findings([(r.key, r.reason) for r in records if r.status != "reduced"], len(records), "frames")
+    lost = [(r.key, r.reason) for r in records if r.status != "reduced"]
+    found = [*grid, *lost_findings(lost, len(records), "frames")]
     found += followed_findings([r.followed for r in good], unit)
     if (seen := middle([r.seen for r in good])) < rules.COVERED * max(r.seen for r in good):
         found.append(

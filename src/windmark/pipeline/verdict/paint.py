@@ -29,7 +29,7 @@ def psp_verdict(
 
     ``further``: what is found in the project and not in a point, see `black_findings` and `reference_findings`.
 
-    ``units`` of `units_findings` explain why no point came out, or are doubts.
+    ``units`` of `grid_findings` explain why no point came out, or are doubts.
     """
     good = [r for r in records if r.status == "reduced"]
     if not good and units:

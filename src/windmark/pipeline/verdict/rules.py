@@ -21,6 +21,8 @@ FEW = 6
 """Markers from which a wrong one among them can be told from a wrong pose: twelve numbers for six unknowns."""
 FAR_POINTS = 1 / 2
 """Part of a list's points that are not on the surface, from which the list is of another unit or frame."""
+GRID_BESIDE = 5e-4
+"""Part of its size by which a grid stands beside its markers: half a pixel of a thousand across it."""
 SPREAD = 3.0
 """Times that the surface's places are less sure than the markers' own: the markers are on one side."""
 ANGLE_DEG = 0.1

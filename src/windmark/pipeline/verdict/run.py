@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-import numpy as np
+from dataclasses import replace
 
 from windmark.errors import g2, g3
 from windmark.paint.cameras import cameras_apart
-from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.points import PointTable
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
+from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import Sighting, registered_findings, spot_px, what_is_left
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.resection import MergedViews, NotMerged
-from windmark.scene import MarkerSet, Mesh
+from windmark.scene import MarkerSet
 
 
 def run_verdict(result: RunResult) -> Verdict:
@@ -27,7 +26,10 @@ def run_verdict(result: RunResult) -> Verdict:
     for item in result.images:
         found += [f.at(item.name) for f in _image(item, result)]
     if result.markers is not None and result.mesh is not None:
-        found += units_findings(result.markers, result.mesh, result.project.length_unit)
+        beside = grid_findings(result.markers, result.mesh, result.project.length_unit)
+        # Of a grid that hides the wrong markers no picture may be registered: it is the reason then.
+        none = all(item.registered is None for item in result.images if item.registration is not None)
+        found += [replace(f, word=BAD) for f in beside] if none and found else beside
     found += [_missing(said).at(item.name) for item in result.images for said in item.left_out]
     found += [_missing(said) for said in result.lost_views]
     for group in result.merged:
@@ -156,25 +158,3 @@ def _sighting(item: ImageResult, result: RunResult, markers: MarkerSet) -> Sight
     return Sighting(
         item.registration, item.detections, markers, item.expected, result.project.length_unit, surface, item.published
     )
-
-
-def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
-    """Markers and grid in different units, by their sizes and places."""
-    model = markers.role != "wall"
-    units, sure = likely_unit(markers.xyz[model], model_box(mesh), unit)
-    if not units:
-        return []
-    size = [float(np.linalg.norm(np.ptp(p, axis=0))) for p in (markers.xyz[model], mesh.vertices)]
-    return [
-        Finding(
-            BAD if sure else DOUBTFUL,
-            "units",
-            f"markers over {g3(size[0])} {unit} on a grid of {g3(size[1])} {unit}: the table is "
-            f"rather in {' or '.join(_spelt(u) for u in units)}",
-            f"windmark convert --unit {units[0]} --to-unit {unit} for the table, or correct its length_unit",
-        )
-    ]
-
-
-def _spelt(unit: str) -> str:
-    return "inch" if unit == "in" else unit

@@ -1,0 +1,73 @@
+"""The verdict on markers and grid: in different units, or the grid not where the markers are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from windmark.errors import g2, g3
+from windmark.pipeline.likely_unit import likely_unit, model_box
+from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
+from windmark.resection.seat import OFF, Seat, seat
+from windmark.scene import MarkerSet, Mesh
+
+_STEP = "bring grid and table of markers into one frame, at one size: pictures are mapped to the grid where it stands"
+
+
+def grid_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
+    """Markers and grid in different units, or the markers beside its surface."""
+    xyz = markers.xyz[markers.role != "wall"]
+    if not (len(xyz) and len(mesh.triangles)):
+        return []
+    return units_findings(markers, mesh, unit) or _beside(seat(mesh, xyz), xyz, unit)
+
+
+def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
+    """Markers and grid in different units, by their sizes and places."""
+    model = markers.role != "wall"
+    units, sure = likely_unit(markers.xyz[model], model_box(mesh), unit)
+    if not units:
+        return []
+    size = [float(np.linalg.norm(np.ptp(p, axis=0))) for p in (markers.xyz[model], mesh.vertices)]
+    return [
+        Finding(
+            BAD if sure else DOUBTFUL,
+            "units",
+            f"markers over {g3(size[0])} {unit} on a grid of {g3(size[1])} {unit}: the table is "
+            f"rather in {' or '.join(_spelt(u) for u in units)}",
+            f"windmark convert --unit {units[0]} --to-unit {unit} for the table, or correct its length_unit",
+        )
+    ]
+
+
+def _beside(found: Seat, xyz: np.ndarray, unit: str) -> list[Finding]:
+    off = f"half of the markers are over {g2(found.middle)} {unit} off the grid's surface"
+    if found.axes is not None:
+        axes = ", ".join(("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in found.axes)
+        said = f"{off}; with its {axes} as x, y, z it goes through them: its axes are exchanged"
+        return [Finding(BAD, "grid", said, "turn the grid (or the table) to the other's axes")]
+    if found.moved is not None and found.lead > rules.LENS_NATS and found.shift > rules.GRID_BESIDE * found.size:
+        said = f"the grid goes through the markers where it is {_motion(found, xyz, unit)} ({found.lead:.0f} nats "
+        said += f"ahead of scatter): it stands about {g2(found.shift)} {unit} beside them, and so do all values"
+        return [Finding(DOUBTFUL, "grid", said, _STEP)]
+    if found.middle > OFF * found.size:
+        step = "see that it is this model's grid and in the table's frame: values are off by that, times the slant"
+        return [Finding(DOUBTFUL, "grid", off, step)]
+    return []
+
+
+def _motion(found: Seat, xyz: np.ndarray, unit: str) -> str:
+    assert found.moved is not None
+    middle = xyz.mean(axis=0)
+    turn = np.degrees(np.arccos(np.clip((np.trace(found.moved.rotation) - 1) / 2, -1, 1)))
+    shift = float(np.linalg.norm(found.moved.apply(middle) - middle))
+    percent = 100 * (found.moved.scale - 1)
+    least = rules.GRID_BESIDE * found.size
+    parts = [f"turned by {g2(turn)} deg"] if np.radians(turn) * found.size > least else []
+    parts += [f"shifted by {g2(shift)} {unit}"] if shift > least else []
+    parts += [f"{g2(abs(percent))} % {'larger' if percent > 0 else 'smaller'}"] if abs(percent) > 0.005 else []
+    return " and ".join(parts) or f"moved by {g3(found.shift)} {unit}"
+
+
+def _spelt(unit: str) -> str:
+    return "inch" if unit == "in" else unit

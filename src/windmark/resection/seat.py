@@ -1,0 +1,182 @@
+"""Whether points that belong on a surface lie on it, and if not, what motion or size of the surface brings it to them.
+
+A grid in another frame than the table of markers maps every picture beside its place, and no residual of the markers
+tells: they never touch the grid. Distances from the surface do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from windmark.errors import UsageError
+from windmark.geometry import Pose, Similarity
+from windmark.resection.nearest import Search, nearest_weights
+from windmark.scene import Mesh
+
+Array = NDArray[np.float64]
+
+ROUNDING = 2e-5
+"""Part of the surface's size below which distances are those of its facets and of five-digit files."""
+FAR = 0.25
+"""Part of its size beyond which it does not matter how far off a point is."""
+NEAR = 0.02
+"""Points farther than this part of its size from the surface belong to something else, and do not move it."""
+LEAST = 8
+"""Points that tell a motion (six numbers) from scatter."""
+STEPS, FREE = 12, 0.1
+"""Steps of the fit; what it may move the surface by is of the order of this part of its size, in each direction."""
+SCALE, SHIFT = 0.1, 0.1
+"""A fit that needs another size, or moves the surface, by a larger part is none: it slid away."""
+OFF = 1e-3
+"""Part of its size from which half of the points are not on the surface: a pixel of a thousand across it."""
+ASKED = 40
+"""Points that are asked whether exchanged axes bring them onto it."""
+
+
+@dataclass(frozen=True)
+class Seat:
+    """How N points lie on a surface of a size.
+
+    Parameters
+    ----------
+    distance : (N,) of each point from the surface
+    size : of the surface, `Mesh.size`
+    moved : brings the surface to the points; None where no motion explains their distances better than scatter
+    lead : nats by which it does
+    shift : root mean square length by which it moves the surface at the points, as far as they tell
+    left : root mean square distance of the points near the surface once it is moved
+    axes : exchange of axes (3, 3) of the surface that brings the points onto it; None where none does
+    """
+
+    distance: Array
+    size: float
+    moved: Similarity | None = None
+    lead: float = 0.0
+    shift: float = 0.0
+    left: float = 0.0
+    axes: NDArray[np.int64] | None = None
+
+    @property
+    def middle(self) -> float:
+        """Median distance."""
+        return float(np.median(self.distance))
+
+
+def seat(mesh: Mesh, xyz: ArrayLike) -> Seat:
+    """How points (N, 3) lie on the surface that they should lie on.
+
+    Parameters
+    ----------
+    mesh : the surface
+    xyz : (N, 3) at least one point, all finite
+
+    Returns
+    -------
+    Seat; without a motion for fewer than eight points near the surface, and where they are on it already
+
+    Raises
+    ------
+    ValueError
+        For a wrong shape, or a mesh without triangles.
+
+    Notes
+    -----
+    Points to planes: each step takes the distance along the normal of the nearest triangle as linear in the motion
+    (Chen and Medioni, Image and Vision Computing 10, 1992). A motion, alone and with a scale, has to lead over scatter
+    by more than its numbers cost (Schwarz, Ann. Statist. 6, 1978). What slides along a plane or about an axis is told
+    by nothing, and stays.
+    """
+    points = np.asarray(xyz, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise UsageError(f"seat: xyz must be (N, 3) with N at least 1, got {points.shape}")
+    size = mesh.size
+    rough = _to_corners(mesh, points)
+    if (rough < 2 * ROUNDING * size).all():
+        return Seat(rough, size)
+    search = Search(mesh)
+    distance = _onto(search, points, FAR * size)[0]
+    found, close = Seat(distance, size), distance < NEAR * size
+    near = points[close]
+    if len(near) >= LEAST and np.sqrt((distance[close] ** 2).mean()) > 2 * ROUNDING * size:
+        tried = [_brought(search, near, size, numbers) for numbers in (6, 7)]
+        tried = [one for one in tried if one.lead > 0 and one.left < 0.5 * OFF * size]
+        if tried:
+            return replace(max(tried, key=lambda t: t.lead), distance=distance)
+    return replace(found, axes=_exchanged(search, points, size)) if found.middle > OFF * size else found
+
+
+def _to_corners(mesh: Mesh, points: Array) -> Array:
+    """(N,) distance to the triangles at the nearest node: the surface is no farther. Quick where points lie on it."""
+    from scipy.spatial import cKDTree
+
+    used = np.flatnonzero(np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices)))
+    node = used[cKDTree(mesh.vertices[used], balanced_tree=False, compact_nodes=False).query(points)[1]]
+    asked = np.zeros(len(mesh.vertices), bool)
+    asked[node] = True
+    mine = np.flatnonzero(asked[mesh.triangles].any(axis=1))
+    out = np.empty(len(points))
+    for k, (p, n) in enumerate(zip(points, node, strict=True)):
+        corners = mesh.vertices[mesh.triangles[mine[(mesh.triangles[mine] == n).any(axis=1)]]]
+        weights = nearest_weights(corners, p)
+        place = np.einsum("nk,nkj->nj", np.column_stack([1 - weights.sum(axis=1), weights]), corners)
+        out[k] = np.sqrt(((place - p) ** 2).sum(axis=1).min())
+    return out
+
+
+def _onto(search: Search, points: Array, limit: float) -> tuple[Array, Array, Array]:
+    """Distance (N,) to the surface, the nearest place (N, 3) and the normal (N, 3) there; ``limit`` away where none."""
+    distance, place, normal = np.full(len(points), limit), points.copy(), np.zeros_like(points)
+    for k, p in enumerate(points):
+        found = search.nearest(p, np.full(3, np.nan), "", limit)
+        if found is not None:
+            distance[k], place[k], normal[k] = found[3], found[2], search.normal[found[0]]
+    return distance, place, normal
+
+
+def _brought(search: Search, points: Array, size: float, numbers: int) -> Seat:
+    """With the motion (6 numbers), or motion and scale (7), of the surface; no lead where the fit slid away."""
+    start, middle = points, points.mean(axis=0)
+    total = Similarity(1.0, np.eye(3), np.zeros(3))
+    floor = ROUNDING * size
+    before = 0.0
+    for step in range(STEPS):
+        distance, place, normal = _onto(search, points, NEAR * 4 * size)
+        if not step:
+            before = float(np.sqrt((distance**2).mean()))
+        off, arm = np.einsum("nk,nk->n", normal, points - place), points - middle
+        slopes = np.column_stack([np.cross(arm, normal) / size, normal, np.einsum("nk,nk->n", arm, normal) / size])
+        noise = max(float(np.sqrt((distance**2).mean())), floor)
+        design = np.vstack([slopes[:, :numbers] / noise, np.eye(numbers) / (FREE * size)])
+        wanted = np.concatenate([-off / noise, np.zeros(numbers)])
+        by = np.zeros(7)
+        by[:numbers] = np.linalg.lstsq(design, wanted, rcond=None)[0]
+        turn, factor = Pose.exp(np.r_[by[:3] / size, np.zeros(3)]).rotation, 1 + by[6] / size
+        one = Similarity(factor, turn, middle + by[3:6] - factor * turn @ middle)
+        points, total, middle = one.apply(points), one @ total, one.apply(middle)
+        if np.abs(by).max() < 1e-7 * size:
+            break
+    after = float(np.sqrt((_onto(search, points, NEAR * 4 * size)[0] ** 2).mean()))
+    n = len(points)
+    lead = n * np.log(max(before, floor) / max(after, floor)) - 0.5 * numbers * np.log(n)
+    shift = float(np.sqrt(((points - start) ** 2).sum(axis=1).mean()))
+    sound = abs(total.scale - 1) < SCALE and shift < SHIFT * size
+    return Seat(np.zeros(0), size, total.inverse(), float(lead) if sound else 0.0, shift, after)
+
+
+def _exchanged(search: Search, points: Array, size: float) -> NDArray[np.int64] | None:
+    """The turn of the surface's axes by right angles that brings the points onto it; None where no single one does."""
+    fit, some = [], points[:: max(1, len(points) // ASKED)]
+    for order in permutations(range(3)):
+        for signs in product((1, -1), repeat=3):
+            turn = np.eye(3, dtype=np.int64)[list(order)] * np.array(signs)[:, None]
+            if round(np.linalg.det(turn)) == 1 and not (turn == np.eye(3)).all():
+                # The surface is turned by it: the points by its inverse.
+                apart = _onto(search, some @ turn, NEAR * size)[0]
+                fit.append((float(np.median(apart)), turn))
+    fit.sort(key=lambda f: f[0])
+    alone = fit[0][0] < 0.5 * fit[1][0] or fit[1][0] < ROUNDING * size  # symmetric bodies: any of them
+    return fit[0][1] if fit[0][0] < OFF * size and alone else None
