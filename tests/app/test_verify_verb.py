@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from windmark.app.verify_verb import compared
+from windmark.app.verify_verb import _within, compared
 from windmark.pipeline.repeat import Difference
 from windmark.pipeline.verdict import DOUBTFUL
 
@@ -23,6 +23,11 @@ def test_a_result_that_was_changed_is_not_good(virtual_test, tmp_path, windmark,
     assert "NOT the same" in done.out
     assert "doubtful: the result cannot be had again: it was changed or taken away since: summary.json" in done.out
     assert "● good" not in done.out
+
+
+@pytest.mark.parametrize(("options", "where"), [({"seed": 1}, "."), ({"folder": ".."}, "results"), ({"output": "."}, ".")])
+def test_a_result_in_the_folder_that_its_verb_was_given_is_compared_there(tmp_path, options, where):
+    assert _within({"options": options}, tmp_path / "results") == where
 
 
 @pytest.mark.parametrize(

@@ -127,6 +127,13 @@ def test_a_pattern_becomes_one_table_for_each_picture(folder):
     assert path.read_text().count("# all of them") == 2
 
 
+def test_a_pattern_is_of_the_projects_folder_from_wherever_it_is_read(folder, monkeypatch):
+    path = project(folder, '[[image]]\nfile = "*.png"\n')
+    monkeypatch.chdir(folder.parent)
+    images = read_project(path.relative_to(folder.parent)).image
+    assert [i.file for i in images] == [(folder / n).resolve() for n in ("a.png", "b.png")]
+
+
 def test_two_pictures_of_one_name_keep_the_names_that_the_pattern_gave_them(folder):
     for sub in ("p", "q"):
         (folder / sub).mkdir()

@@ -50,7 +50,7 @@ def verify(windmark: Any, folder: Path, keep: Path | None, as_json: bool) -> Non
             show(f"windmark {manifest.get('verb')} again")
             refusal = _again(arguments(windmark, manifest, folder, target))
         if refusal is None:
-            results_again(folder, target, found)
+            results_again(folder, target / _within(manifest, folder), found)
     if refusal is not None and not manifest.get("refused"):
         console.refuse(f"the run that gave this result is refused now: {refusal}", as_json, _record(found, folder))
     record = _record(found, folder)
@@ -113,6 +113,12 @@ def arguments(windmark: Any, manifest: Record, folder: Path, target: Path) -> li
         else:
             words += [w for v in values for w in (param.opts[0], v)]
     return [*words, *(["--", *last] if any(word.startswith("-") for word in last) else last)]
+
+
+def _within(manifest: Record, folder: Path) -> str:
+    """Where a result is in the folder that its verb was given: `windmark demo` writes one into it, beside its data."""
+    given = next((manifest["options"][name] for name in TARGETS if name in manifest.get("options", {})), ".")
+    return os.path.relpath(folder.resolve(), (folder / str(given)).resolve())
 
 
 def _placed(value: Any, folder: Path) -> str:

@@ -87,13 +87,27 @@ def _elsewhere(solved: Solved) -> list[Doubt]:
 
 
 def _views(solved: Solved) -> list[Doubt]:
-    """Views that lost a quarter of their marks or more, beside the share that the others lost."""
+    """Views that lost a quarter of their marks or more, or most of those on walls, beside what the others lost."""
     task, view, bad = solved.task, solved.task.observations.view, ~solved.used
-    gone, every = (np.bincount(v, minlength=len(task.views)) for v in (view[bad], view))
+    wall = task.wall[task.observations.point]
     out = []
-    for n in np.flatnonzero((gone > 1) & (gone >= QUARTER * every) & (every < len(view))):
-        usual = (gone.sum() - gone[n] + 1) / (len(view) - every[n] + 1)
-        if bdtrc(gone[n] - 1, every[n], min(usual, 1.0)) < FALSE:
-            words = f"{{}} lost {gone[n]} of its {every[n]} spots: it moved, or has wrong labels"
-            out.append(Doubt((task.views[n].name,), words, "picture"))
+    for n, name in enumerate(v.name for v in task.views):
+        own, on_wall = view == n, (view == n) & wall
+        if _many(bad, on_wall, 0.5) and not _many(bad, own & ~wall, QUARTER):
+            # The model's own motion takes up what a camera is off, and leaves the walls alone with it.
+            gone, every = int((bad & on_wall).sum()), int(on_wall.sum())
+            words = f"{gone} of the {every} spots of {{}} on walls are beside their places, its others are not: it "
+            out.append(Doubt((name,), f"{words}is not where it is said to be, or the walls' markers are not", "moved"))
+        elif _many(bad, own, QUARTER):
+            words = f"{{}} lost {int((bad & own).sum())} of its {int(own.sum())} spots: it moved, or has wrong labels"
+            out.append(Doubt((name,), words, "picture"))
     return out
+
+
+def _many(bad: NDArray[np.bool_], own: NDArray[np.bool_], part: float) -> bool:
+    """Whether some marks lost as large a part as ``part``, and far more than all others did."""
+    gone, every = int((bad & own).sum()), int(own.sum())
+    if gone < 2 or gone < part * every or every == len(bad):
+        return False
+    usual = (bad.sum() - gone + 1) / (len(bad) - every + 1)
+    return bool(bdtrc(gone - 1, every, min(usual, 1.0)) < FALSE)

@@ -194,7 +194,7 @@ def pictures_of(path: Path, number: int, entry: Any) -> list[Any]:
     file = entry.get("file") if isinstance(entry, dict) else None
     if not isinstance(file, str) or not has_magic(file):
         return [entry]
-    full = path.parent / file
+    full = path.resolve().parent / file  # of a relative path the project would look for what it found once more
     if frame_address(full).number is not None or full.exists():
         return [entry]
     found = picture_files(full)
