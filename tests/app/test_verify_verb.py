@@ -25,7 +25,9 @@ def test_a_result_that_was_changed_is_not_good(virtual_test, tmp_path, windmark,
     assert "● good" not in done.out
 
 
-@pytest.mark.parametrize(("options", "where"), [({"seed": 1}, "."), ({"folder": ".."}, "results"), ({"output": "."}, ".")])
+@pytest.mark.parametrize(
+    ("options", "where"), [({"seed": 1}, "."), ({"folder": ".."}, "results"), ({"output": "."}, ".")]
+)
 def test_a_result_in_the_folder_that_its_verb_was_given_is_compared_there(tmp_path, options, where):
     assert _within({"options": options}, tmp_path / "results") == where
 
