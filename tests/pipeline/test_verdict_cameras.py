@@ -13,7 +13,7 @@ from windmark.pipeline.psp.record import PointRecord
 from windmark.pipeline.verdict import BAD, DOUBTFUL, GOOD
 from windmark.pipeline.verdict.errors import error_verdict
 from windmark.pipeline.verdict.infrared import infrared_verdict
-from windmark.pipeline.verdict.lens import other_interior
+from windmark.pipeline.verdict.lens import OtherInterior, other_interior
 from windmark.pipeline.verdict.paint import psp_verdict
 from windmark.pipeline.verdict.registered import Sighting, registered_findings, spot_px, what_is_left
 from windmark.pipeline.verdict.series import lost_findings
@@ -82,6 +82,30 @@ def test_markers_scattered_off_their_table_have_no_such_pattern(seen):
         got = register(spots, replace(markers, xyz=markers.xyz + rng.normal(0, 0.05, markers.xyz.shape)), camera)
         leads.append(other_interior(got, spot_px(got, spots)).lead)
     assert np.mean(np.array(leads) > 6) < 0.1
+
+
+def test_a_table_that_is_off_smoothly_is_no_lens(seen):
+    """A bent model leaves a pattern that a lens explains far better than scatter does."""
+    camera, spots, markers = seen
+    u = (markers.xyz - markers.xyz.mean(axis=0)) / np.ptp(markers.xyz, axis=0).max()
+    leads = []
+    for seed in range(8):
+        along, way = np.random.default_rng([5, seed]).standard_normal((2, 3))
+        bent = replace(markers, xyz=markers.xyz + np.outer((u @ along) ** 2, way))
+        got = register(spots, bent, camera)
+        other = other_interior(got, spot_px(got, spots))
+        leads.append(other.lead)
+        assert not other.told
+        assert all(f.cause in ("table", "bent") for f in findings(seen, got))
+    assert max(leads) > 10
+
+
+def test_where_lens_and_table_are_about_as_likely_both_are_said():
+    found = OtherInterior(lead=15.0, likelier=-2.4, shift=3.0).said("residuals of 0.4 px", "mm", 0.21)
+    assert found.cause == "table"
+    assert found.reason.startswith("markers about 0.2 mm off their table: residuals of 0.4 px; another lens or focal")
+    assert "is 2 nats less likely" in found.reason
+    assert "calibrate the camera" in found.next_step
 
 
 def test_what_is_left_is_called_noise_only_where_it_is():

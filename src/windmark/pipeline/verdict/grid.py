@@ -46,7 +46,7 @@ def _beside(found: Seat, xyz: np.ndarray, unit: str) -> list[Finding]:
         axes = ", ".join(("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in found.axes)
         said = f"{off}; with its {axes} as x, y, z it goes through them: its axes are exchanged"
         return [Finding(BAD, "grid", said, "turn the grid (or the table) to the other's axes")]
-    if found.moved is not None and found.lead > rules.LENS_NATS and found.shift > rules.GRID_BESIDE * found.size:
+    if found.moved is not None and found.lead > rules.PATTERN_NATS and found.shift > rules.GRID_BESIDE * found.size:
         said = f"the grid goes through the markers where it is {_motion(found, xyz, unit)} ({found.lead:.0f} nats "
         said += f"ahead of scatter): it stands about {g2(found.shift)} {unit} beside them, and so do all values"
         return [Finding(DOUBTFUL, "grid", said, _STEP)]

@@ -26,16 +26,26 @@ class OtherInterior:
     Parameters
     ----------
     lead : nats that it is ahead of scattered markers in explaining the residuals
+    likelier : nats that it is ahead of markers that are off their table smoothly, as a bent model's are
     shift : how far from the place that was found the camera would stand then, in the length unit
     sigmas : root mean square change of the pose's six numbers in their stated sigmas
     """
 
     lead: float = 0.0
+    likelier: float = 0.0
     shift: float = 0.0
     sigmas: float = 0.0
 
-    def said(self, residuals: str, unit: str) -> Finding:
-        """As a doubt about the camera, of ``residuals`` in words."""
+    @property
+    def told(self) -> bool:
+        """Whether the residuals have its pattern, and no smooth error of the table is surely what made it."""
+        return self.lead > rules.LENS_NATS and self.likelier > -rules.PATTERN_NATS
+
+    def said(self, residuals: str, unit: str, off_table: float) -> Finding:
+        """As a doubt of ``residuals`` in words: about the camera, or about the table where that is likelier."""
+        if self.likelier < 0:
+            rest = f"; another lens or focal length is {-self.likelier:.0f} nats less likely, which is not much"
+            return table_finding(off_table, f"{residuals}{rest}", unit, lens=True)
         there = f"; with one that fits the camera may stand some {g1(self.shift)} {unit} elsewhere"
         times = f", {g2(self.sigmas)} of its sigmas" if self.sigmas > 1 else ""
         return Finding(
@@ -46,6 +56,13 @@ class OtherInterior:
         )  # fmt: skip
 
 
+def table_finding(off_table: float, residuals: str, unit: str, *, lens: bool = False) -> Finding:
+    """Markers that are so far off their table, of ``residuals`` in words; ``lens``: or the lens is another one."""
+    step = "measure the markers (windmark reconstruct or calibrate), or give their sigma in the table"
+    step = f"{step}; calibrate the camera" if lens else step
+    return Finding(DOUBTFUL, "table", f"markers about {g1(off_table)} {unit} off their table: {residuals}", step)
+
+
 NO_OTHER = OtherInterior()
 """None that explains anything."""
 
@@ -53,8 +70,9 @@ NO_OTHER = OtherInterior()
 def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
     """Judge it to first order, ``spot_px`` being the spots' own noise (1 sigma per coordinate).
 
-    Both explanations are evidences: the scatter's size is what the residuals make of it, the interior has a prior
-    (`prior`). The pose's own columns are taken out first.
+    All explanations are evidences: the scatter's size is what the residuals make of it, the interior has a prior
+    (`prior`), and a table that is off smoothly, as a bent model is, may be so by any amount. The pose's own columns are
+    taken out first.
     """
     cam, k = answer.camera, len(answer.matching)
     if 2 * k < 6 + 2 * len(INTERIOR):
@@ -68,9 +86,13 @@ def other_interior(answer: Registration, spot_px: float) -> OtherInterior:
     basis, upper = np.linalg.qr(pose / size, mode="complete")
     r = -answer.residuals.reshape(2 * k)  # observed - projected
     free, b = basis[:, 6:].T @ r, basis[:, 6:].T @ inner
+    bent = basis[:, 6:].T @ smooth(answer.matched_xyz, by_xyz @ answer.cam_from_model.rotation)
     # The pose gives way to the likeliest interior where both move the image alike.
     step = -np.linalg.solve(upper[:6], basis[:, :6].T @ (inner @ likeliest(free, b, spot_px))) / size
-    return OtherInterior(lead_over_scatter(free, b), float(np.linalg.norm(step[3:])), _in_sigmas(step, answer))
+    lead = lead_over_scatter(free, b)
+    return OtherInterior(
+        lead, lead - lead_of_any_size(free, bent), float(np.linalg.norm(step[3:])), _in_sigmas(step, answer)
+    )
 
 
 def lead_over_scatter(free: Array, inner: Array) -> float:
@@ -81,16 +103,35 @@ def lead_over_scatter(free: Array, inner: Array) -> float:
     free : (M,) residuals, what is estimated anyway taken out
     inner : (M, P) what one sigma of each amount does to them
     """
-    left, value, _ = np.linalg.svd(inner)
+    return _evidence(free, inner, 1.0) - _evidence(free, inner, 0.0)
+
+
+def lead_of_any_size(free: Array, columns: Array) -> float:
+    """As `lead_over_scatter` of columns whose amounts all have one sigma, which is what the residuals make of it."""
+    size, typical = float((free**2).mean()), float((columns**2).sum()) / len(free)
+    if not (size > 0 and typical > 0):
+        return 0.0
+    sizes = size / typical * np.geomspace(1e-3, 10.0, 40)
+    best = max(_evidence(free, columns, float(one)) for one in sizes)
+    return best - _evidence(free, columns, 0.0) - 0.5 * float(np.log(len(free)))  # one number more to choose
+
+
+def _evidence(free: Array, columns: Array, part: float) -> float:
+    """Log evidence of columns whose amounts have the variance ``part``, and of scatter of the likeliest size."""
+    left, value, _ = np.linalg.svd(columns)
     power = (left.T @ free) ** 2
-    variance = np.concatenate([value**2, np.zeros(len(power) - len(value))])
+    variance = np.zeros(len(power))
+    variance[: len(value)] = value**2
+    scatter = float(power.mean()) * np.geomspace(1e-3, 2.0, 200)[:, None]
+    whole = scatter + part * variance
+    return float((-0.5 * (power / whole + np.log(whole)).sum(axis=1)).max())
 
-    def evidence(part: float) -> float:
-        scatter = float(power.mean()) * np.geomspace(1e-3, 2.0, 200)[:, None]
-        whole = scatter + part * variance
-        return float((-0.5 * (power / whole + np.log(whole)).sum(axis=1)).max())
 
-    return evidence(1.0) - evidence(0.0)
+def smooth(xyz: Array, by_place: Array) -> Array:
+    """(2 K, 18) images of shifts quadratic in the places (K, 3), which a pose leaves; ``by_place`` (K, 2, 3)."""
+    u = (xyz - xyz.mean(axis=0)) / max(float(np.ptp(xyz, axis=0).max()), 1e-300)
+    square = np.stack([u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)], axis=1)
+    return np.einsum("kij,kq->kijq", by_place, square).reshape(2 * len(u), -1)
 
 
 def likeliest(free: Array, inner: Array, noise: float) -> Array:

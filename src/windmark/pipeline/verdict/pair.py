@@ -63,7 +63,7 @@ def _misfit(
     rms = float(np.sqrt((result.distance_px**2).sum() / max(len(result.distance_px) - 5, 1)))
     residuals = f"matches are {g2(rms)} px from their epipolar lines, {g2(rms / spot)} times their spots' sigma"
     lead, turn = _other_interior(result, spots, cameras, pose, spot)
-    if lead > rules.LENS_NATS:
+    if lead > rules.PATTERN_NATS:
         return [Finding(
             DOUBTFUL, "lens",
             f"{residuals}, with the pattern of another lens, focal length or principal point ({lead:.0f} nats ahead of "

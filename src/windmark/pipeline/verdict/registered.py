@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import g1, g2
+from windmark.errors import g2
 from windmark.geometry import Pose
 from windmark.pipeline.verdict import rules
-from windmark.pipeline.verdict.lens import by_pose, other_interior
+from windmark.pipeline.verdict.lens import by_pose, other_interior, table_finding
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.registration import NotRegistered, Registration
@@ -148,16 +148,9 @@ def _misfit(seen: Sighting, answer: Registration) -> list[Finding]:
     residuals = f"residuals of {g2(each)} px per coordinate, {times}"
     other = other_interior(answer, spot)
     # However small: what moves the surface by less than `PLACE_PX` may move the camera by many of its sigmas.
-    if other.lead > rules.LENS_NATS:
-        return [other.said(residuals, seen.unit)]
-    if answer.excess_px < rules.PLACE_PX:
-        return []
-    return [
-        Finding(
-            DOUBTFUL, "table", f"markers about {g1(answer.off_table)} {seen.unit} off their table: {residuals}",
-            "measure the markers (windmark reconstruct or calibrate), or give their sigma in the table",
-        )
-    ]  # fmt: skip
+    if other.told:
+        return [other.said(residuals, seen.unit, answer.off_table)]
+    return [] if answer.excess_px < rules.PLACE_PX else [table_finding(answer.off_table, residuals, seen.unit)]
 
 
 def _moved(seen: Sighting, answer: Registration) -> list[Finding]:

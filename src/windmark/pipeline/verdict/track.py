@@ -47,11 +47,11 @@ def _misfit(good: Sequence[PoseRow], unit: str) -> list[Finding]:
     if not excess > rules.NOISE_TIMES * spot:
         return []
     typical = sorted(good, key=lambda r: r.other.lead)[len(good) // 2]
-    if typical.other.lead > rules.LENS_NATS:
+    if typical.other.told:
         each = float(np.hypot(typical.excess_px, typical.spot_px))
         times = f"{each / typical.spot_px:.0f} times their spots' sigma"
         said = f"residuals of {g2(each)} px per coordinate, {times} ({typical.name}, as most of {len(good)} images)"
-        return [typical.other.said(said, unit)]
+        return [typical.other.said(said, unit, typical.off_table)]
     if not excess > rules.PLACE_PX:
         return []
     return [
