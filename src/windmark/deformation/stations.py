@@ -31,6 +31,15 @@ class Stations:
     fore, aft : (S, 3) the ends of the chords on the undeformed model
     up : (3,) direction of positive bending
     volume : the volume that they are fixed to
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> stations = wm.Stations.along([50.0, 0.0, 0.0], [90.0, 400.0, 0.0], 5, volume="wing", chord=[80.0, 0.0, 0.0])
+    >>> len(stations), stations.eta.tolist()
+    (5, [0.0, 0.25, 0.5, 0.75, 1.0])
+    >>> stations.fore[0].tolist(), stations.aft[0].tolist()
+    ([10.0, 0.0, 0.0], [90.0, 0.0, 0.0])
     """
 
     eta: Array

@@ -63,6 +63,17 @@ def read_mesh(
         For a name in ``volumes`` that the file has not, or ``volume_face`` with another format.
     FileError
         For a damaged file, one without faces, or nodes in use at NaN or infinity.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_mesh(f"{folder}/plate.stl", plate)
+    ...     read = wm.read_mesh(f"{folder}/plate.stl", volumes="plate")
+    >>> read.triangle_normals().tolist(), read.volume.tolist()
+    ([[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]], ['plate', 'plate'])
     """
     if only and isinstance(volumes, Mapping):
         # A part that is not named may have the name of a volume: a mark tells them apart.
@@ -181,6 +192,17 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
         For an unknown extension, or a mesh that the format cannot hold.
     FileError
         Where the file cannot be written; then nothing is.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], "plate")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_mesh(f"{folder}/plate.vtp", plate, length_unit="mm")
+    ...     again = wm.read_mesh(f"{folder}/plate.vtp")
+    >>> again  # this format keeps the volumes and the unit
+    Mesh(nodes=4, triangles=2, volumes=plate, unit=mm)
     """
     suffix, units = Path(path).suffix.lower(), {LENGTH: length_unit}
     if suffix in PLOT3D_SUFFIXES:

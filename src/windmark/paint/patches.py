@@ -137,6 +137,20 @@ def fill_patches(mesh: Mesh, field: NodeField, patch: ArrayLike) -> FilledField:
     ------
     DataError
         Where a patch hangs together with no node that has a value.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> y, x = np.mgrid[0:10, 0:10]
+    >>> i = (np.arange(9) + 10 * np.arange(9)[:, None]).ravel()
+    >>> triangles = np.r_[np.c_[i, i + 1, i + 11], np.c_[i, i + 11, i + 10]]
+    >>> plate = wm.Mesh.make(np.c_[x.ravel(), y.ravel(), 0 * x.ravel()], triangles)
+    >>> marker = ((x == 4) & (y == 5)).ravel()  # one node lies on a marker
+    >>> cp = wm.NodeField.make(np.where(marker, 99.0, 0.1 * x.ravel()), 0.01)
+    >>> filled = wm.fill_patches(plate, cp, marker)
+    >>> filled.field.value[marker].round(2).tolist(), int(filled.filled.sum())
+    ([0.4], 1)
     """
     number = np.asarray(patch)
     if number.dtype == bool:

@@ -59,6 +59,16 @@ def pressure_map(
     ------
     ValueError
         For fields of different lengths or a temperature in another unit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> paint = wm.SternVolmer(np.array([[0.2, 0.0], [0.8, 0.005]]), 1e5, 300.0, (2e4, 1.2e5), (290.0, 320.0))
+    >>> ratio = wm.NodeField.make([0.6, 1.0, 9.0])
+    >>> result = wm.pressure_map(paint, ratio, wm.given_temperature(300.0, count=3))
+    >>> result.field.value.round(3).tolist(), result.flags.tolist()
+    ([50000.0, 100000.0, 1100000.0], [0, 0, 1])
     """
     _same_unit(temperature, law.temperature_unit)
     if isinstance(t_off, NodeField):

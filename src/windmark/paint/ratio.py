@@ -34,6 +34,14 @@ def form_ratio(
     ------
     ValueError
         For fields of different lengths.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> off, on = wm.NodeField.make([200.0, 200.0], 2.0), wm.NodeField.make([100.0, 0.0], 1.0)
+    >>> ratio = wm.form_ratio(off, on)
+    >>> ratio.value.tolist(), ratio.sigma.round(4).tolist()  # no light, no ratio
+    ([2.0, nan], [0.0283, nan])
     """
     parts = [reference, on, *(channel if channel is not None else ())]
     if len({len(p) for p in parts}) > 1:

@@ -105,6 +105,16 @@ def section_profile(mesh: Mesh, cp: NodeField, cut: Cut, reference: LoadReferenc
     ------
     DataError
         For a cut without points or without extent along the chord.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> cp = wm.NodeField.make([-1.0, 0.0, 0.0, -1.0])
+    >>> cut = wm.section(plate, [0.0, 0.5, 0.0], [0.0, 1.0, 0.0])
+    >>> profile = wm.section_profile(plate, cp, cut, wm.LoadReference(area=2.0, chord=2.0, span=1.0))
+    >>> profile.x_c.tolist(), profile.cp.value.tolist(), profile.upper.tolist()
+    ([0.0, 0.5, 1.0], [-1.0, -0.5, 0.0], [True, True, True])
     """
     if len(cp) != len(mesh.vertices):
         raise ValueError(f"section_profile: cp must have {len(mesh.vertices)} nodes, got {len(cp)}")
@@ -146,6 +156,16 @@ def span_loading(
     -------
     SpanLoading. Forces per unit of span are integrals along the cut: f = -integral of Cp n ds, n in the plane. Lines
     that are not closed leave out what closes them (a blunt base).
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> cp, reference = wm.NodeField.make([-1.0, 0.0, 0.0, -1.0]), wm.LoadReference(area=2.0, chord=2.0, span=1.0)
+    >>> cuts = [wm.section(plate, [0.0, y, 0.0], [0.0, 1.0, 0.0]) for y in (0.25, 0.75)]
+    >>> loading = wm.span_loading(plate, cp, cuts, [0.0, 1.0, 0.0], reference)
+    >>> loading.station.tolist(), loading.value[:, 0].round(6).tolist()  # normal force of each section
+    ([0.25, 0.75], [0.5, 0.5])
     """
     n = np.asarray(normal, dtype=float)
     if n.shape != (3,) or not np.linalg.norm(n) > 0:

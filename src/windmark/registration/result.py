@@ -303,6 +303,16 @@ class NotRegistered:
     n_hypotheses : links of three markers to three spots that were tried
     weak : with the cause "focal", the directions that the spots hardly determine, weakest first
     options : everything the attempt was made with, by name
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> markers = wm.MarkerSet.make(["a", "b"], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    >>> answer = wm.register(wm.Detections.make([[100, 100], [200, 100]]), markers, wm.Camera((640, 480), 800.0))
+    >>> bool(answer), answer.cause
+    (False, 'too_few')
+    >>> answer.reason
+    '2 spots: three pairs fix a pose and a fourth is needed to check it'
     """
 
     reason: str

@@ -28,6 +28,19 @@ class PixelMap:
         rest), NaN for none. They are weights in space, so perspective is accounted for:
         ``xyz = a + w0 (b - a) + w1 (c - a)``
     mesh, camera, cam_from_model : what the map was made of
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> pixels = wm.map_pixels(plate, wm.Camera((64, 48), 60.0), above)
+    >>> bool(pixels.valid[24, 32]), bool(pixels.valid[0, 0])
+    (True, False)
+    >>> x = pixels.interpolate(plate.vertices[:, 0])  # of a quantity on the nodes, what each pixel sees
+    >>> np.allclose(x, pixels.xyz()[..., 0], equal_nan=True)
+    True
     """
 
     triangle: NDArray[np.int32]

@@ -42,6 +42,19 @@ class PointValues:
     xy : (N, 2) pixels, NaN where the point has no place in the picture
     xyz : (N, 3) the point of the surface that was looked at
     moved : (N,) how far the point asked for was moved onto the surface
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> image, camera = np.full((48, 64), 7.0), wm.Camera((64, 48), 60.0)
+    >>> tap = wm.sample_points(image, camera, above, plate, [[0.3, 0.2, 0.01]], max_distance=0.05, noise=1.0)
+    >>> tap.xyz.round(3).tolist(), tap.moved.round(3).tolist()  # brought onto the surface
+    ([[0.3, 0.2, 0.0]], [0.01])
+    >>> tap.value.round(3).tolist(), bool(tap.sigma[0] < 1.1)
+    ([7.0], True)
     """
 
     value: Array
@@ -109,6 +122,18 @@ def sample_points(
     Notes
     -----
     Source: AIAA 2005-5007, section III.D ("if the results are required on a given point set or on a line").
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> image = np.tile(np.arange(64.0), (48, 1))  # its grey level is its column
+    >>> places = [[0.3, 0.2, 0.01], [9.0, 0.0, 0.0]]
+    >>> taps = wm.sample_points(image, wm.Camera((64, 48), 60.0), above, plate, places, max_distance=0.05, noise=1.0)
+    >>> taps.value.round(1).tolist(), taps.words.tolist()
+    ([36.0, nan], ['', 'far'])
     """
     points = nearest_on_surface(mesh, xyz, normal=normal, max_distance=max_distance)
     picture = Picture("image", np.asarray(image), camera, cam_from_model, noise, pose_cov)

@@ -99,6 +99,17 @@ def node_values(image: ArrayLike, view: NodeView, *, interpolation: str = "cubic
     """Values of the image on the nodes of a `NodeView`: (V,) or (V, C) float32, NaN where not visible.
 
     The view may serve many images: only this has to be done again for each frame.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> view = wm.see_nodes(plate, wm.Camera((64, 48), 60.0), above)
+    >>> frames = [np.full((48, 64), level) for level in (10.0, 20.0)]
+    >>> [wm.node_values(frame, view).tolist() for frame in frames]  # one view serves them all
+    [[10.0, 10.0, 10.0, 10.0], [20.0, 20.0, 20.0, 20.0]]
     """
     pixels = checked_image(image, view.size_px, "node_values")
     return _values(pixels, view.xy, view.reason, checked_interpolation(interpolation, "node_values"))

@@ -58,6 +58,18 @@ def virtual_image(
     back. The image is sampled at points, not averaged over the virtual pixel: a virtual view that is
     much coarser than the image should be drawn finer and then averaged. Next to outlines of the model
     the image's own pixels mix two surfaces: blank them first with `silhouette`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> camera = wm.Camera((64, 48), 60.0)
+    >>> here, there = (wm.Pose.look_at([x, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (0.0, 1.0))
+    >>> seen_from_there = wm.map_pixels(plate, camera, there)
+    >>> picture, valid = wm.virtual_image(np.full((48, 64), 5.0), seen_from_there, camera, here)
+    >>> float(picture[24, 32]), bool(valid[0, 0])
+    (5.0, False)
     """
     pixels = checked_image(image, camera.size_px, "virtual_image")
     view = see_pixels(
