@@ -129,6 +129,24 @@ def span_values(state: Deformation, stations: Stations, *, frame: str = "model")
     state : the state
     stations : where
     frame : "model": the laws alone; "tunnel": with the rigid motion, so that twist holds the model's pitch, too
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> @wm.law(tip={"unit": "mm", "sigma": 20.0})
+    ... def bend(xyz, tip):
+    ...     return xyz + np.outer((xyz[:, 1] / 400.0) ** 2, [0.0, 0.0, tip])
+    >>> x, y = (v.ravel() for v in np.meshgrid([0.0, 40.0, 80.0], np.linspace(50.0, 400.0, 8)))
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(24)], np.c_[x, y, 0 * x], volume="wing")
+    >>> camera, pose = wm.Camera((640, 480), 800.0), wm.Pose.look_at([300, 200, 700], [40, 200, 0], [0, 1, 0])
+    >>> xy, _ = camera.project(pose.apply(bend.function(markers.xyz, 8.0)))
+    >>> seen = wm.Observations(np.zeros(24, dtype=int), np.arange(24), xy, np.tile(0.01 * np.eye(2), (24, 1, 1)))
+    >>> wing, view = wm.Volume("wing", bend), wm.View("cam1", cam_from_model=pose)
+    >>> state = wm.identify(seen, markers, [wing], camera, [view], free_motion=False)
+    >>> values = wm.span_values(state, wm.Stations.along([40, 0, 0], [40, 400, 0], 3, volume="wing"))
+    >>> values.bending.round(2).tolist(), bool(abs(values.twist_deg).max() < 0.01)
+    ([0.0, 2.0, 8.0], True)
     """
     if frame not in ("model", "tunnel"):
         raise UsageError(f"span_values: frame must be 'model' or 'tunnel', got {frame!r}")

@@ -44,10 +44,14 @@ class Volume:
     Examples
     --------
     >>> import windmark as wm
-    >>> wing = wm.Volume("wing", law=None)
-    >>> flap = wm.Volume("flap", parent="wing", attach=(80.0, 200.0, 0.0))
-    >>> flap.parent
-    'wing'
+    >>> flap = wm.Volume("flap", parent="wing", attach=(80.0, 200.0, 0.0))  # rigid, goes where the wing goes
+    >>> flap.law is None
+    True
+    >>> try:
+    ...     wm.Volume("flap", attach=(80.0, 200.0, 0.0))
+    ... except ValueError as error:
+    ...     print(error)
+    Volume flap: attach has no meaning without a parent
     """
 
     name: str

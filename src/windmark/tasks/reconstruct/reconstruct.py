@@ -86,6 +86,20 @@ def reconstruct(
     ------
     ValueError
         For arguments that do not fit together.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> xyz = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 3)) * [2.0, 1.5, 0.2]
+    >>> camera, eyes = wm.Camera((640, 480), 800.0), [(-1, 0, 6), (1, 0, 6), (0, 1, 6)]
+    >>> poses = [wm.Pose.look_at(eye, [0, 0, 0], [0, 1, 0]) for eye in eyes]
+    >>> spots = [wm.Detections.make(camera.project(pose.apply(xyz))[0].round(2), sigma_px=0.01) for pose in poses]
+    >>> known = wm.MarkerSet.make(["a", "b", "c", "d", "e", "f"], xyz[:6], role="primary")
+    >>> views = [wm.View(f"view{i}", cam_from_model=pose) for i, pose in enumerate(poses)]
+    >>> found = wm.reconstruct(spots, camera, known, views=views)  # nothing says which spot is which marker
+    >>> bool(found), len(found.markers), set(known.name) <= set(found.markers.name)
+    (True, 20, True)
     """
     task = Task.checked(detections, cameras, primary, views, labels, free, seed, model_px, primary_cov)
     options: dict[str, Any] = {
