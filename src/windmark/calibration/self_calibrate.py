@@ -25,6 +25,7 @@ from windmark.errors import g3
 from windmark.geometry import Camera, DegenerateGeometry, Pose
 from windmark.options.calibration import ECCENTRICITY, MAX_SIGMA0, SOLVER
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.shown import by_name, check_kinds, list_of
 from windmark.scene.units import RADII_OFF, radii_words
 
 Array = NDArray[np.float64]
@@ -114,6 +115,10 @@ def self_calibrate(
     >>> round(found.cameras["camera"].focal_px, 1), round(found.cameras["camera"].k1, 3)
     (800.0, -0.1)
     """
+    check_kinds(
+        "self_calibrate", observations=(observations, Observations), markers=(markers, MarkerSet),
+        cameras=(cameras, by_name(Camera, single=False)), views=(views, list_of(View)),
+    )  # fmt: skip
     ECCENTRICITY.check(eccentricity, "self_calibrate")
     if free is None:
         free = usual_free(_in_use(cameras, views).values())

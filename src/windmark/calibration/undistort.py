@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera
 from windmark.geometry.rays import pixel_rays
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -74,6 +75,7 @@ def undistort(image: ArrayLike, camera: Camera, *, keep: str = "size") -> Correc
     >>> corrected.image.shape, corrected.image.dtype.name, int(corrected.image[corrected.valid].min())
     ((40, 60), 'uint8', 100)
     """
+    check_kinds("undistort", image=(image, ARRAY), camera=(camera, Camera))
     return redraw(image, camera, corrected_camera(camera, keep=keep))
 
 
@@ -94,6 +96,7 @@ def magnify_distortion(image: ArrayLike, camera: Camera, factor: float) -> Corre
     >>> [round(float(column), 1) for column in drawn]
     [10.9, 10.0, 5.5]
     """
+    check_kinds("magnify_distortion", image=(image, ARRAY), camera=(camera, Camera))
     return redraw(image, camera, magnified_camera(camera, factor))
 
 

@@ -15,6 +15,7 @@ from windmark.deformation.volumes import Volume, Volumes
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.shown import by_name, check_kinds, list_of
 
 Array = NDArray[np.float64]
 
@@ -92,6 +93,10 @@ def compare_laws(
     >>> best.name, best.cross_px < 0.01, other.cross_px > 1.0
     ('bends', True, True)
     """
+    check_kinds(
+        "compare_laws", observations=(observations, Observations), markers=(markers, MarkerSet),
+        cameras=(cameras, by_name(Camera)), views=(views, list_of(View)),
+    )  # fmt: skip
     if folds < 2:
         raise UsageError(f"compare_laws: folds must be at least 2, got {folds}")
     options.setdefault("free_moved", False)  # what a camera explains is not the law's merit

@@ -18,6 +18,7 @@ from windmark.deformation.solve import Solved, free_names, solve
 from windmark.deformation.volumes import Volume, Volumes
 from windmark.geometry import Camera, DegenerateGeometry
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.shown import by_name, check_kinds, list_of
 
 Array = NDArray[np.float64]
 
@@ -91,6 +92,10 @@ def identify(
     >>> round(state.parameters["wing.tip"], 2), round(state.sigma["wing.tip"], 2)
     (8.0, 0.09)
     """
+    check_kinds(
+        "identify", observations=(observations, Observations), markers=(markers, MarkerSet),
+        cameras=(cameras, by_name(Camera)), views=(views, list_of(View)),
+    )  # fmt: skip
     task = prepare(
         observations, markers, Volumes.of(laws), cameras, views, free_motion, motion_cov, free_poses, pose_cov,
         free_focal, marker_cov, None if start is None else start.placed,

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.deformation.result import Deformation
 from windmark.errors import UsageError
 from windmark.geometry.rotations import hat
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 
@@ -148,6 +149,7 @@ def span_values(state: Deformation, stations: Stations, *, frame: str = "model")
     >>> values.bending.round(2).tolist(), bool(abs(values.twist_deg).max() < 0.01)
     ([0.0, 2.0, 8.0], True)
     """
+    check_kinds("span_values", state=(state, Deformation), stations=(stations, Stations))
     if frame not in ("model", "tunnel"):
         raise UsageError(f"span_values: frame must be 'model' or 'tunnel', got {frame!r}")
     ends = np.concatenate([stations.fore, stations.aft])

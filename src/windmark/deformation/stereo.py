@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose, imaged_ellipse, triangulate
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.shown import by_name, check_kinds, list_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -88,6 +89,10 @@ def marker_places(
     >>> bool(places.cov[0, 2, 2] > places.cov[0, 0, 0])  # depth is known less well
     True
     """
+    check_kinds(
+        "marker_places", observations=(observations, Observations), markers=(markers, MarkerSet),
+        cameras=(cameras, by_name(Camera)), views=(views, list_of(View)),
+    )  # fmt: skip
     if len(views) < 2:
         raise UsageError(f"marker_places: at least two views are needed, got {len(views)}")
     known = {v.camera: cameras for v in views} if isinstance(cameras, Camera) else cameras

@@ -13,6 +13,7 @@ from windmark.epipolar.constellation.shifts import shifted
 from windmark.epipolar.result import Cause, NotMatched, PairMatching
 from windmark.geometry import Camera
 from windmark.scene import Detections
+from windmark.scene.shown import check_kinds, optional
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -73,6 +74,10 @@ def match_pair(
     >>> np.array_equal(pairs.a, 59 - pairs.b), round(pairs.view.parallax_deg)
     (True, 9)
     """
+    check_kinds(
+        "match_pair", detections_a=(detections_a, Detections), detections_b=(detections_b, Detections),
+        camera_a=(camera_a, Camera), camera_b=(camera_b, optional(Camera)),
+    )  # fmt: skip
     options: dict[str, Any] = {"max_log10_nfa": max_log10_nfa, "max_rival": max_rival, "seed": seed}
     job = Job.of(detections_a, detections_b, camera_a, camera_b or camera_a, seed)
     if min(len(job.near.a), len(job.near.b)) < FEWEST:

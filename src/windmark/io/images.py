@@ -29,6 +29,7 @@ from windmark.io.recordings.open import frames, recording_kind
 from windmark.io.recordings.picture import Frame
 from windmark.io.text import Pathlike
 from windmark.options.detection import CHANNEL
+from windmark.scene.shown import ARRAY, PATH, check_kinds
 
 Image = NDArray[Any]
 
@@ -227,6 +228,7 @@ def write_image(path: Pathlike, image: ArrayLike, *, description: str = "") -> N
     >>> np.array_equal(again, cp, equal_nan=True)
     True
     """
+    check_kinds("write_image", path=(path, PATH), image=(image, ARRAY))
     values = _writable("write_image", path, image)
     kind = _EXTENSIONS[Path(path).suffix.lower()]
     if kind == "TIFF":

@@ -16,6 +16,7 @@ from windmark.io.errors import FileError
 from windmark.io.text import Pathlike, read_text
 from windmark.io.tgts import read_tgts
 from windmark.scene import ROLES, MarkerSet
+from windmark.scene.shown import PATH, check_kinds
 from windmark.scene.units import IN_WORDS
 
 Array = NDArray[np.float64]
@@ -130,6 +131,7 @@ def write_markers(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") 
     >>> again.xyz.tolist(), again.radius.tolist(), again.length_unit
     ([[0.1, 0.0, 0.0], [1.0, 0.2, 0.0]], [2.5, 2.5], 'mm')
     """
+    check_kinds("write_markers", path=(path, PATH), markers=(markers, MarkerSet))
     length_unit = length_unit or markers.length_unit
     if Path(path).suffix.lower() == ".tgts":
         raise UsageError(f"write_markers: path must name a CSV file, got {path}")

@@ -26,6 +26,7 @@ from windmark.io.vtk_read import VTK_SUFFIXES, read_vtk
 from windmark.io.vtk_write import SUFFIXES as VTK_WRITTEN
 from windmark.io.vtk_write import write_nodes_vtk
 from windmark.scene import Mesh
+from windmark.scene.shown import PATH, check_kinds
 
 PLOT3D_SUFFIXES = (".grid", ".grd", ".g", ".x", ".xyz", ".p3d", ".p3dfmt", ".fmt", ".unf")
 """Extensions under which `write_mesh` writes PLOT3D; any file that is nothing else is read as PLOT3D."""
@@ -204,6 +205,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
     >>> again  # this format keeps the volumes and the unit
     Mesh(nodes=4, triangles=2, volumes=plate, unit=mm)
     """
+    check_kinds("write_mesh", path=(path, PATH), mesh=(mesh, Mesh))
     suffix, units = Path(path).suffix.lower(), {LENGTH: length_unit}
     if suffix in PLOT3D_SUFFIXES:
         write_plot3d(path, mesh)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import UsageError
 from windmark.paint.modes import NodeField, combined
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 
@@ -94,6 +95,7 @@ def pressure_coefficient(pressure: NodeField, conditions: TunnelConditions) -> N
     >>> cp.value.tolist(), cp.sigma.round(4).tolist()
     ([0.0, 1.0], [0.01, 0.0112])
     """
+    check_kinds("pressure_coefficient", pressure=(pressure, NodeField), conditions=(conditions, TunnelConditions))
     if pressure.unit and pressure.unit != conditions.pressure_unit:
         raise UsageError(
             f"pressure_coefficient: the pressure is in {pressure.unit}, the conditions in {conditions.pressure_unit}"

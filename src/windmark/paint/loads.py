@@ -16,6 +16,7 @@ from windmark.paint.modes import NodeField
 from windmark.paint.surface import Surface, joined_surface
 from windmark.paint.unseen import guesses_of
 from windmark.scene import Mesh
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -128,6 +129,7 @@ def integrate_loads(
     >>> loads.closed.tolist()  # an open surface: its loads depend on the zero of the pressure
     [False, False]
     """
+    check_kinds("integrate_loads", mesh=(mesh, Mesh), cp=(cp, NodeField), reference=(reference, LoadReference))
     if len(cp) != len(mesh.vertices):
         raise ValueError(f"integrate_loads: cp must have {len(mesh.vertices)} nodes, got {len(cp)}")
     if not 0 <= least_seen <= 1:

@@ -16,6 +16,7 @@ from windmark.paint.filling import fill_smoothly
 from windmark.paint.modes import NodeField
 from windmark.paint.surface import Surface, joined_surface
 from windmark.scene import Mesh
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -152,6 +153,7 @@ def fill_patches(mesh: Mesh, field: NodeField, patch: ArrayLike) -> FilledField:
     >>> filled.field.value[marker].round(2).tolist(), int(filled.filled.sum())
     ([0.4], 1)
     """
+    check_kinds("fill_patches", mesh=(mesh, Mesh), field=(field, NodeField))
     number = np.asarray(patch)
     if number.dtype == bool:
         number = np.where(number, 0, -1)

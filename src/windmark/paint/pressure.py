@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import UsageError
 from windmark.paint.modes import NodeField, combined
 from windmark.paint.stern_volmer import NO_RATIO, NO_REFERENCE, NO_TEMPERATURE, SternVolmer
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -70,6 +71,7 @@ def pressure_map(
     >>> result.field.value.round(3).tolist(), result.flags.tolist()
     ([50000.0, 100000.0, 1100000.0], [0, 0, 1])
     """
+    check_kinds("pressure_map", law=(law, SternVolmer), ratio=(ratio, NodeField), temperature=(temperature, NodeField))
     _same_unit(temperature, law.temperature_unit)
     if isinstance(t_off, NodeField):
         _same_unit(t_off, law.temperature_unit)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError, UsageError
 from windmark.scene.levels import clipped_level
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -172,6 +173,7 @@ def correct_picture(picture: ArrayLike, sensor: SensorModel, *, most_saturated: 
     >>> light.value[0].tolist(), light.flags[0].tolist()  # the last pixel is saturated
     ([1000.0, 2000.0, 3000.0, 2500.0, 3995.0], [0, 0, 0, 0, 1])
     """
+    check_kinds("correct_picture", picture=(picture, ARRAY), sensor=(sensor, SensorModel))
     raw = np.asarray(picture, dtype=float)
     if raw.ndim != 2:
         raise ValueError(f"correct_picture: the picture must be (H, W), got {raw.shape}")

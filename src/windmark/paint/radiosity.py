@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import DataError, UsageError, g3
 from windmark.paint.form_factors import FormFactors
 from windmark.paint.modes import NodeField
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 
@@ -78,6 +79,7 @@ def remove_self_illumination(
     >>> bool((own.field.value < 100.0).all()), own.node  # most is reflected in the corner
     (True, 3)
     """
+    check_kinds("remove_self_illumination", light=(light, NodeField), factors=(factors, FormFactors))
     _check(len(light), factors, reflectivity)
     if not reflectivity_sigma >= 0:
         raise UsageError(f"self-illumination: reflectivity_sigma must be at least 0, got {reflectivity_sigma}")

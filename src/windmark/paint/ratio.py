@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError, UsageError
 from windmark.paint.modes import NodeField, combined
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 
@@ -43,6 +44,7 @@ def form_ratio(
     >>> ratio.value.tolist(), ratio.sigma.round(4).tolist()  # no light, no ratio
     ([2.0, nan], [0.0283, nan])
     """
+    check_kinds("form_ratio", reference=(reference, NodeField), on=(on, NodeField))
     parts = [reference, on, *(channel if channel is not None else ())]
     if len({len(p) for p in parts}) > 1:
         raise ValueError(f"form_ratio: all fields must have one length, got {[len(p) for p in parts]}")

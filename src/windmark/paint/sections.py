@@ -14,6 +14,7 @@ from windmark.paint.axes import LoadReference
 from windmark.paint.carry import carried
 from windmark.paint.modes import NodeField, interpolated
 from windmark.scene import Mesh
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -116,6 +117,7 @@ def section_profile(mesh: Mesh, cp: NodeField, cut: Cut, reference: LoadReferenc
     >>> profile.x_c.tolist(), profile.cp.value.tolist(), profile.upper.tolist()
     ([0.0, 0.5, 1.0], [-1.0, -0.5, 0.0], [True, True, True])
     """
+    check_kinds("section_profile", mesh=(mesh, Mesh), cp=(cp, NodeField), reference=(reference, LoadReference))
     if len(cp) != len(mesh.vertices):
         raise ValueError(f"section_profile: cp must have {len(mesh.vertices)} nodes, got {len(cp)}")
     aft, _, up = reference.body_axes
@@ -167,6 +169,7 @@ def span_loading(
     >>> loading.station.tolist(), loading.value[:, 0].round(6).tolist()  # normal force of each section
     ([0.25, 0.75], [0.5, 0.5])
     """
+    check_kinds("span_loading", mesh=(mesh, Mesh), cp=(cp, NodeField), reference=(reference, LoadReference))
     n = np.asarray(normal, dtype=float)
     if n.shape != (3,) or not np.linalg.norm(n) > 0:
         raise UsageError(f"span_loading: normal must be three numbers, not all zero, got {normal!r}")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose, p3p
 from windmark.geometry.rotations import hat
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 
@@ -100,6 +101,7 @@ def pose_candidates(xy: ArrayLike, xyz: ArrayLike, camera: Camera, *, sigma_px: 
     >>> bool(best.angle_to(true) < 1e-6)
     True
     """
+    check_kinds("pose_candidates", xy=(xy, ARRAY), xyz=(xyz, ARRAY), camera=(camera, Camera))
     spots, markers = np.asarray(xy, dtype=float), np.asarray(xyz, dtype=float)
     if spots.ndim != 2 or spots.shape[1] != 2 or len(spots) < 3:
         raise ValueError(f"pose_candidates: xy must be (K, 2) with K at least 3, got {spots.shape}")

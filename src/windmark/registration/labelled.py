@@ -12,6 +12,7 @@ from windmark.adjust import PoseEstimate, refine_pose
 from windmark.errors import DataError, g3
 from windmark.geometry import Camera, DegenerateGeometry, Pose, p3p
 from windmark.registration.task import with_focal
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 
@@ -68,6 +69,7 @@ def pose_from_labels(
     >>> bool(found.cam_from_model.angle_to(true) < 1e-6), found.cov.shape
     (True, (6, 6))
     """
+    check_kinds("pose_from_labels", xy=(xy, ARRAY), xyz=(xyz, ARRAY), camera=(camera, Camera))
     spots, markers = _checked(xy, xyz)
     cameras = [camera]
     if "focal_px" in free:

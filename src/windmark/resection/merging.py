@@ -25,7 +25,7 @@ from windmark.resection.surface_view import see_surface
 from windmark.resection.virtual import see_pixels
 from windmark.resection.visibility import NodeView, checked_angle, see_nodes
 from windmark.scene import Mesh
-from windmark.scene.shown import xarray_dataset
+from windmark.scene.shown import check_kinds, list_of, xarray_dataset
 
 Array = NDArray[np.float64]
 
@@ -236,6 +236,7 @@ def merge_views(
     >>> merged.gains.gain.round(3).tolist()  # the right picture is twice as bright
     [1.0, 2.0]
     """
+    check_kinds("merge_views", mesh=(mesh, Mesh), pictures=(pictures, list_of(Picture)))
     _check(pictures, gain, offset, reference, max_obliquity_deg, taper_deg, taper_px)
     options = {
         "gain": gain, "offset": offset, "black": float(black), "max_obliquity_deg": float(max_obliquity_deg),

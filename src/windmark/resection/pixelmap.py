@@ -12,7 +12,7 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry.rays import pixel_rays
 from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, for_kernels, single_pose, to_camera_frame
 from windmark.scene import Mesh
-from windmark.scene.shown import xarray_dataset
+from windmark.scene.shown import check_kinds, xarray_dataset
 
 Array = NDArray[np.float64]
 
@@ -194,6 +194,7 @@ def map_pixels(mesh: Mesh, camera: Camera, cam_from_model: Pose, *, cull_backfac
     Source: AIAA 2005-5007, section III.D. Pixels beyond the radius where the lens model is one to one
     are not valid.
     """
+    check_kinds("map_pixels", mesh=(mesh, Mesh), camera=(camera, Camera), cam_from_model=(cam_from_model, Pose))
     pose = single_pose(cam_from_model, "map_pixels")
     width, height = camera.size_px
     vertices_cam = to_camera_frame(pose, mesh.vertices)

@@ -17,7 +17,7 @@ from windmark.resection.sources import Picture, prepare, value_variance
 from windmark.resection.surface_view import see_surface
 from windmark.resection.visibility import NodeView
 from windmark.scene import Mesh
-from windmark.scene.shown import pandas_table
+from windmark.scene.shown import ARRAY, check_kinds, pandas_table
 
 Array = NDArray[np.float64]
 
@@ -135,6 +135,10 @@ def sample_points(
     >>> taps.value.round(1).tolist(), taps.words.tolist()
     ([36.0, nan], ['', 'far'])
     """
+    check_kinds(
+        "sample_points", image=(image, ARRAY), camera=(camera, Camera), cam_from_model=(cam_from_model, Pose),
+        mesh=(mesh, Mesh), xyz=(xyz, ARRAY),
+    )  # fmt: skip
     points = nearest_on_surface(mesh, xyz, normal=normal, max_distance=max_distance)
     picture = Picture("image", np.asarray(image), camera, cam_from_model, noise, pose_cov)
     return point_values(picture, mesh, np.asarray(xyz, dtype=float), points, max_obliquity_deg=max_obliquity_deg,

@@ -13,6 +13,7 @@ from windmark.resection.sampling import Image, checked_image, checked_interpolat
 from windmark.resection.sections import Section, arc_lengths, at_arc, section, three_numbers
 from windmark.resection.visibility import NodeView, see_points
 from windmark.scene import Mesh
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 
@@ -98,6 +99,10 @@ def sample_line(
     >>> line.arc.round(2).tolist(), line.values.round(1).tolist()
     ([0.0, 0.6, 1.2, 1.8], [18.0, 27.0, 36.0, 45.0])
     """
+    check_kinds(
+        "sample_line", image=(image, ARRAY), camera=(camera, Camera), cam_from_model=(cam_from_model, Pose),
+        mesh=(mesh, Mesh),
+    )  # fmt: skip
     pixels = checked_image(image, camera.size_px, "sample_line")
     checked_interpolation(interpolation, "sample_line")
     line = surface_line(mesh, start, end, n=n, normal=normal)

@@ -13,6 +13,7 @@ from windmark.errors import UsageError
 from windmark.resection.chains import chain_segments, weld
 from windmark.resection.visibility import checked_tolerance
 from windmark.scene import Mesh
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 
@@ -82,6 +83,7 @@ def section(mesh: Mesh, point: ArrayLike, normal: ArrayLike, *, spacing: float |
     >>> float(cut.arc[-1]), cut.closed.tolist()
     (2.0, [False])
     """
+    check_kinds("section", mesh=(mesh, Mesh), point=(point, ARRAY), normal=(normal, ARRAY))
     origin, n = three_numbers(point, "section: point"), three_numbers(normal, "section: normal")
     if not np.linalg.norm(n) > 0:
         raise UsageError(f"section: normal must not be zero, got {n.tolist()}")

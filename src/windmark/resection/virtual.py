@@ -12,6 +12,7 @@ from windmark.resection.reasons import FACING_AWAY, HIDDEN, OBLIQUE, VISIBLE
 from windmark.resection.sampling import Image, checked_image, node_values
 from windmark.resection.visibility import NodeView, checked_angle, hiding_tolerance, is_hidden, look
 from windmark.scene import Mesh
+from windmark.scene.shown import ARRAY, check_kinds
 
 
 def virtual_image(
@@ -71,6 +72,10 @@ def virtual_image(
     >>> float(picture[24, 32]), bool(valid[0, 0])
     (5.0, False)
     """
+    check_kinds(
+        "virtual_image", image=(image, ARRAY), pixel_map=(pixel_map, PixelMap), camera=(camera, Camera),
+        cam_from_model=(cam_from_model, Pose),
+    )  # fmt: skip
     pixels = checked_image(image, camera.size_px, "virtual_image")
     view = see_pixels(
         pixel_map, camera, cam_from_model, mesh=mesh, max_obliquity_deg=max_obliquity_deg, tolerance=tolerance

@@ -12,6 +12,7 @@ from windmark.geometry import Camera, Pose
 from windmark.resection.casting import cast, for_kernels, single_pose, to_camera_frame
 from windmark.resection.reasons import BLANKED, FACING_AWAY, HIDDEN, OBLIQUE, REASONS, VISIBLE
 from windmark.scene import Mesh
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
@@ -139,6 +140,7 @@ def see_nodes(
     >>> wm.see_nodes(plate, camera, below, two_sided=True).visible.tolist()
     [True, True, True, True]
     """
+    check_kinds("see_nodes", mesh=(mesh, Mesh), camera=(camera, Camera), cam_from_model=(cam_from_model, Pose))
     pose = single_pose(cam_from_model, "see_nodes")
     least = hiding_tolerance(tolerance, mesh, "see_nodes")
     checked_angle(max_obliquity_deg, "see_nodes")

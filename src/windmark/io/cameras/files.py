@@ -23,6 +23,7 @@ from windmark.io.cameras.own import own_content, parse_own
 from windmark.io.cameras.record import FREE, LENGTH_UNITS, CameraFile
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike, parse_json, read_text, write_json
+from windmark.scene.shown import PATH, check_kinds, optional
 
 CAMERA_FORMATS = ("windmark", "opencv", "nasa", "colmap", "mrcal", "metashape", "australis")
 """What is read; all but nasa are written, too."""
@@ -176,6 +177,7 @@ def write_camera(
     >>> read.k1, pose is None
     (-0.1, True)
     """
+    check_kinds("write_camera", path=(path, PATH), camera=(camera, Camera), pose=(pose, optional(Pose)))
     if unit is not None and unit not in (*LENGTH_UNITS, FREE):
         raise UsageError(f"write_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
     if pose is not None and unit is None:

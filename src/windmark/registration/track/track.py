@@ -17,6 +17,7 @@ from windmark.registration.result import NotRegistered, Registration
 from windmark.registration.task import Limits
 from windmark.registration.track.state import Motion, Status, TrackState
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.shown import check_kinds, optional
 
 if TYPE_CHECKING:
     from windmark.registration.search.layout import Layout
@@ -103,6 +104,10 @@ def track(
     tracked 20
     tracked 20
     """
+    check_kinds(
+        "track", previous=(previous, optional(TrackState)), detections=(detections, Detections),
+        markers=(markers, MarkerSet), camera=(camera, Camera),
+    )  # fmt: skip
     if not (math.isfinite(dt) and dt > 0):
         raise UsageError(f"track: dt must be > 0 and finite, got {dt}")
     if not (math.isfinite(least_density) and least_density >= 0):

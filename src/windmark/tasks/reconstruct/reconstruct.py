@@ -14,6 +14,7 @@ from windmark.calibration import Calibration, Distance
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Tracks, View
+from windmark.scene.shown import by_name, check_kinds, list_of, optional
 from windmark.tasks.reconstruct.again import Answers, asked_again
 from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, off_their_table, radii_differ
 from windmark.tasks.reconstruct.focal import refuse_gross
@@ -101,6 +102,10 @@ def reconstruct(
     >>> bool(found), len(found.markers), set(known.name) <= set(found.markers.name)
     (True, 20, True)
     """
+    check_kinds(
+        "reconstruct", detections=(detections, list_of(Detections)), cameras=(cameras, by_name(Camera)),
+        primary=(primary, optional(MarkerSet)),
+    )  # fmt: skip
     task = Task.checked(detections, cameras, primary, views, labels, free, seed, model_px, primary_cov)
     options: dict[str, Any] = {
         "free": tuple(free), "model_px": model_px, "seed": seed, "rough": rough is not None,
