@@ -128,7 +128,7 @@ def _is(value: object, kind: type | Kind) -> bool:
 
 
 def _called(value: object) -> str:
-    name = type(value).__name__
+    name = type(value).__name__.removeprefix("nd")  # ndarray
     if isinstance(value, list | tuple) and value:
         name += f" of {type(value[0]).__name__}"
     return "None" if value is None else f"an {name}" if name[0] in "AEIOaeio" else f"a {name}"
