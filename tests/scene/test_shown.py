@@ -1,13 +1,15 @@
 """How nouns look in a session, as tables of pandas, and arguments that are swapped."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import windmark as wm
 from windmark.errors import UsageError
-from windmark.scene.shown import check_kinds, pandas_table
+from windmark.scene.shown import ARRAY, PATH, by_name, check_kinds, list_of, optional, pandas_table
 
 CAMERA = wm.Camera((640, 480), 800.0, 1.0, 319.5, 239.5)
 
@@ -55,6 +57,21 @@ def test_swapped_arguments_are_named():
     with pytest.raises(UsageError, match=r"camera is a str; expected register"):
         wm.register(spots, markers(), "camera.json")
     check_kinds("verb", a=(1, int))
+
+
+def test_kinds_that_no_class_says():
+    check_kinds("verb", image=([[1.0]], ARRAY), path=(Path("x"), PATH), spots=([], list_of(wm.Detections)))
+    check_kinds("verb", camera=(CAMERA, by_name(wm.Camera)), pose=(None, optional(wm.Pose)))
+    for kind, value, text in [
+        (ARRAY, None, "a is None; expected verb(a: array)"),
+        (ARRAY, "run7.tif", "a is a str; expected verb(a: array)"),
+        (PATH, 7, "a is an int; expected verb(a: path)"),
+        (list_of(wm.Detections), [CAMERA], "a is a list of Camera; expected verb(a: list of Detections)"),
+        (by_name(wm.Camera, single=False), CAMERA, "a is a Camera; expected verb(a: dict of Camera)"),
+        (optional(wm.Pose), CAMERA, "a is a Camera; expected verb(a: Pose or None)"),
+    ]:
+        with pytest.raises(UsageError, match=re.escape(text)):
+            check_kinds("verb", a=(value, kind))
 
 
 def test_the_namespace_holds_what_is_public_only():

@@ -69,6 +69,23 @@ class Calibration:
     swapped : (first, second, view) names of markers whose marks were exchanged
     report : why the adjustment stopped
     options : everything it was made with, by name
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> rng = np.random.default_rng(1)
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(30)], rng.uniform(-1.0, 1.0, (30, 3)) * [2.0, 1.5, 0.5])
+    >>> eyes, camera = [(-3, 0, 6), (3, 0, 6), (0, 3, 6), (0, -3, 6)], wm.Camera((640, 480), 800.0)
+    >>> xy = [camera.project(wm.Pose.look_at(eye, [0, 0, 0], [1, 0, 0]).apply(markers.xyz))[0] for eye in eyes]
+    >>> noisy = np.concatenate(xy) + rng.normal(0.0, 0.02, (120, 2))
+    >>> seen = wm.Observations(*np.divmod(np.arange(120), 30), noisy, np.tile(0.0004 * np.eye(2), (120, 1, 1)))
+    >>> views = [wm.View(f"view{i}") for i in range(4)]
+    >>> found = wm.self_calibrate(seen, markers, {"camera": camera}, views, datum=wm.Free(), free=["focal_px"])
+    >>> 0.8 < found.sigma0 < 1.2, found.warnings  # the residuals are as large as the spots' covariances say
+    (True, ())
+    >>> sorted(found.cameras), found.cameras["camera"].cov is not None, found.residuals.shape
+    (['camera'], True, (120, 2))
     """
 
     cameras: Mapping[str, Camera]
@@ -155,6 +172,20 @@ class NotCalibrated:
     dropped : why views or markers could not take part, by name
     sigma0 : of the best solution met, NaN without one
     options : everything the attempt was made with
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> markers = wm.MarkerSet.make(["a", "b", "c"], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    >>> xy, cov = np.array([[320.0, 240.0], [400.0, 240.0], [320.0, 300.0]]), np.tile(np.eye(2), (3, 1, 1))
+    >>> seen = wm.Observations(np.zeros(3, dtype=int), np.arange(3), xy, cov)
+    >>> cameras, views = {"camera": wm.Camera((640, 480), 800.0)}, [wm.View("only")]
+    >>> answer = wm.self_calibrate(seen, markers, cameras, views, datum=wm.Fixed())
+    >>> bool(answer), answer.cause
+    (False, 'too_few')
+    >>> dict(answer.dropped)
+    {'only': 'view with 3 marks; 4 are needed'}
     """
 
     reason: str

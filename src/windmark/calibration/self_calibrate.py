@@ -25,6 +25,7 @@ from windmark.errors import g3
 from windmark.geometry import Camera, DegenerateGeometry, Pose
 from windmark.options.calibration import ECCENTRICITY, MAX_SIGMA0, SOLVER
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.shown import by_name, check_kinds, list_of
 from windmark.scene.units import RADII_OFF, radii_words
 
 Array = NDArray[np.float64]
@@ -98,7 +99,26 @@ def self_calibrate(
     ------
     ValueError
         For wrong indices, names, options, or a marker observed twice in one view.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> rng = np.random.default_rng(1)
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(30)], rng.uniform(-1.0, 1.0, (30, 3)) * [2.0, 1.5, 0.5])
+    >>> eyes, camera = [(-3, 0, 6), (3, 0, 6), (0, 3, 6), (0, -3, 6)], wm.Camera((640, 480), 800.0, k1=-0.1)
+    >>> poses = [wm.Pose.look_at(eye, [0, 0, 0], [1, 0, 0]) for eye in eyes]
+    >>> xy = np.concatenate([camera.project(pose.apply(markers.xyz))[0] for pose in poses])
+    >>> seen = wm.Observations(*np.divmod(np.arange(120), 30), xy, np.tile(0.0004 * np.eye(2), (120, 1, 1)))
+    >>> start, views = {"camera": wm.Camera((640, 480), 760.0)}, [wm.View(f"view{i}") for i in range(4)]
+    >>> found = wm.self_calibrate(seen, markers, start, views, datum=wm.Free(), free=["focal_px", "k1"])
+    >>> round(found.cameras["camera"].focal_px, 1), round(found.cameras["camera"].k1, 3)
+    (800.0, -0.1)
     """
+    check_kinds(
+        "self_calibrate", observations=(observations, Observations), markers=(markers, MarkerSet),
+        cameras=(cameras, by_name(Camera, single=False)), views=(views, list_of(View)),
+    )  # fmt: skip
     ECCENTRICITY.check(eccentricity, "self_calibrate")
     if free is None:
         free = usual_free(_in_use(cameras, views).values())

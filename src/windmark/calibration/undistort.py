@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera
 from windmark.geometry.rays import pixel_rays
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -62,7 +63,19 @@ def undistort(image: ArrayLike, camera: Camera, *, keep: str = "size") -> Correc
     Notes
     -----
     Computed in float32. 8- and 16-bit values are rounded to whole numbers again, and cut off at the type's limits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> camera = wm.Camera((60, 40), 50.0, k1=-0.2)
+    >>> corrected = wm.undistort(np.full((40, 60), 100, dtype=np.uint8), camera)
+    >>> corrected.camera.k1, corrected.camera.focal_px
+    (0.0, 50.0)
+    >>> corrected.image.shape, corrected.image.dtype.name, int(corrected.image[corrected.valid].min())
+    ((40, 60), 'uint8', 100)
     """
+    check_kinds("undistort", image=(image, ARRAY), camera=(camera, Camera))
     return redraw(image, camera, corrected_camera(camera, keep=keep))
 
 
@@ -72,7 +85,18 @@ def magnify_distortion(image: ArrayLike, camera: Camera, factor: float) -> Corre
     What the correction does becomes visible (the paper's Fig. 9 has factor 3). Each ray is drawn at its perfect
     place plus ``factor`` times the displacement that the lens gives it. Parameters, errors and result as
     `undistort`; where the magnified distortion is not one to one, nothing is valid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> image = np.tile(np.arange(60.0), (40, 1))  # its grey level is its column
+    >>> camera = wm.Camera((60, 40), 50.0, k1=-0.2)
+    >>> drawn = [wm.magnify_distortion(image, camera, factor).image[5, 10] for factor in (0.0, 1.0, 3.0)]
+    >>> [round(float(column), 1) for column in drawn]
+    [10.9, 10.0, 5.5]
     """
+    check_kinds("magnify_distortion", image=(image, ARRAY), camera=(camera, Camera))
     return redraw(image, camera, magnified_camera(camera, factor))
 
 

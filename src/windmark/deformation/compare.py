@@ -15,6 +15,7 @@ from windmark.deformation.volumes import Volume, Volumes
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.shown import by_name, check_kinds, list_of
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,29 @@ def compare_laws(
     list of LawChoice
         Best first: by BIC, the evidence of a law whose parameters are priced (a law twice as rich cannot win by a
         little), which finds the true law more often than cross-validation does; candidates without a solution last.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> @wm.law(tip={"unit": "mm", "sigma": 20.0})
+    ... def bend(xyz, tip):
+    ...     return xyz + np.outer((xyz[:, 1] / 400.0) ** 2, [0.0, 0.0, tip])
+    >>> x, y = (v.ravel() for v in np.meshgrid([0.0, 40.0, 80.0], np.linspace(50.0, 400.0, 8)))
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(24)], np.c_[x, y, 0 * x], volume="wing")
+    >>> camera, pose = wm.Camera((640, 480), 800.0), wm.Pose.look_at([300, 200, 700], [40, 200, 0], [0, 1, 0])
+    >>> xy, _ = camera.project(pose.apply(bend.function(markers.xyz, 8.0)))
+    >>> seen = wm.Observations(np.zeros(24, dtype=int), np.arange(24), xy, np.tile(0.01 * np.eye(2), (24, 1, 1)))
+    >>> candidates = {"rigid": [wm.Volume("wing")], "bends": [wm.Volume("wing", bend)]}
+    >>> views = [wm.View("cam1", cam_from_model=pose)]
+    >>> best, other = wm.compare_laws(candidates, seen, markers, camera, views, free_motion=False)
+    >>> best.name, best.cross_px < 0.01, other.cross_px > 1.0
+    ('bends', True, True)
     """
+    check_kinds(
+        "compare_laws", observations=(observations, Observations), markers=(markers, MarkerSet),
+        cameras=(cameras, by_name(Camera)), views=(views, list_of(View)),
+    )  # fmt: skip
     if folds < 2:
         raise UsageError(f"compare_laws: folds must be at least 2, got {folds}")
     options.setdefault("free_moved", False)  # what a camera explains is not the law's merit

@@ -18,6 +18,7 @@ from windmark.deformation.solve import Solved, free_names, solve
 from windmark.deformation.volumes import Volume, Volumes
 from windmark.geometry import Camera, DegenerateGeometry
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.shown import by_name, check_kinds, list_of
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,28 @@ def identify(
     ------
     ValueError
         For shapes, names or numbers that do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> @wm.law(tip={"unit": "mm", "sigma": 20.0})
+    ... def bend(xyz, tip):
+    ...     return xyz + np.outer((xyz[:, 1] / 400.0) ** 2, [0.0, 0.0, tip])
+    >>> x, y = (v.ravel() for v in np.meshgrid([0.0, 40.0, 80.0], np.linspace(50.0, 400.0, 8)))
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(24)], np.c_[x, y, 0 * x], volume="wing")
+    >>> camera, pose = wm.Camera((640, 480), 800.0), wm.Pose.look_at([300, 200, 700], [40, 200, 0], [0, 1, 0])
+    >>> xy, _ = camera.project(pose.apply(bend.function(markers.xyz, 8.0)))  # the wing's tip rises by 8 mm
+    >>> seen = wm.Observations(np.zeros(24, dtype=int), np.arange(24), xy, np.tile(0.01 * np.eye(2), (24, 1, 1)))
+    >>> wing, view = wm.Volume("wing", bend), wm.View("cam1", cam_from_model=pose)
+    >>> state = wm.identify(seen, markers, [wing], camera, [view], free_motion=False)
+    >>> round(state.parameters["wing.tip"], 2), round(state.sigma["wing.tip"], 2)
+    (8.0, 0.09)
     """
+    check_kinds(
+        "identify", observations=(observations, Observations), markers=(markers, MarkerSet),
+        cameras=(cameras, by_name(Camera)), views=(views, list_of(View)),
+    )  # fmt: skip
     task = prepare(
         observations, markers, Volumes.of(laws), cameras, views, free_motion, motion_cov, free_poses, pose_cov,
         free_focal, marker_cov, None if start is None else start.placed,

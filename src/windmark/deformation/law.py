@@ -187,6 +187,18 @@ def law(**units: str | Parameter | Mapping[str, Any]) -> Callable[[Function], Fu
     ------
     LawError
         When a name is given that is no argument of the function, or the function has no parameter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> @wm.law(tip={"unit": "mm", "sigma": 20.0})
+    ... def bend(xyz, tip, *, span=400.0):
+    ...     return xyz + np.outer((xyz[:, 1] / span) ** 2, [0.0, 0.0, tip])
+    >>> [(p.name, p.unit, p.sigma) for p in bend.parameters]
+    [('tip', 'mm', 20.0)]
+    >>> bend.bind(np.array([[0.0, 200.0, 0.0], [0.0, 400.0, 0.0]])).place(np.array([8.0])).tolist()
+    [[0.0, 200.0, 2.0], [0.0, 400.0, 8.0]]
     """
 
     def make(function: Function) -> FunctionLaw:

@@ -74,6 +74,26 @@ class Deformation:
     unchecked : what these images cannot tell and no sigma contains, as whether a volume that has a law of its own moves
         with the one beside it
     misfit : what the laws lack, where neighbouring residuals agree in it; it is in ``cov`` and in that of every place
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> @wm.law(tip={"unit": "mm", "sigma": 20.0})
+    ... def bend(xyz, tip):
+    ...     return xyz + np.outer((xyz[:, 1] / 400.0) ** 2, [0.0, 0.0, tip])
+    >>> x, y = (v.ravel() for v in np.meshgrid([0.0, 40.0, 80.0], np.linspace(50.0, 400.0, 8)))
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(24)], np.c_[x, y, 0 * x], volume="wing")
+    >>> camera, pose = wm.Camera((640, 480), 800.0), wm.Pose.look_at([300, 200, 700], [40, 200, 0], [0, 1, 0])
+    >>> xy, _ = camera.project(pose.apply(bend.function(markers.xyz, 8.0)))
+    >>> seen = wm.Observations(np.zeros(24, dtype=int), np.arange(24), xy, np.tile(0.01 * np.eye(2), (24, 1, 1)))
+    >>> wing, view = wm.Volume("wing", bend), wm.View("cam1", cam_from_model=pose)
+    >>> state = wm.identify(seen, markers, [wing], camera, [view], free_motion=False)
+    >>> bool(state), state.fits, state.warnings
+    (True, True, ())
+    >>> moved, cov = state.displacement([[40.0, 200.0, 0.0]], "wing")  # anywhere on the wing
+    >>> moved.round(2).tolist(), np.sqrt(cov[0, 2, 2]).round(2).tolist()
+    ([[0.0, 0.0, 2.0]], 0.02)
     """
 
     volumes: Volumes
@@ -226,6 +246,24 @@ class NotIdentified:
     cause : key of `CAUSES`
     weak : names of what is not determined
     options : everything the attempt was made with
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> @wm.law(tip={"unit": "mm"})
+    ... def bend(xyz, tip):
+    ...     return xyz + np.outer((xyz[:, 1] / 400.0) ** 2, [0.0, 0.0, tip])
+    >>> markers = wm.MarkerSet.make(["a", "b"], [[0.0, 0.0, 0.0], [0.0, 400.0, 0.0]], volume="wing")
+    >>> camera, above = wm.Camera((640, 480), 800.0), wm.Pose.look_at([0, 200, 700], [0, 200, 0], [0, 1, 0])
+    >>> xy, _ = camera.project(above.apply(markers.xyz))
+    >>> seen = wm.Observations(np.zeros(2, dtype=int), np.arange(2), xy, np.tile(np.eye(2), (2, 1, 1)))
+    >>> wing, view = wm.Volume("wing", bend), wm.View("cam1", cam_from_model=above)
+    >>> answer = wm.identify(seen, markers, [wing], camera, [view])
+    >>> bool(answer), answer.cause
+    (False, 'too_few')
+    >>> answer.reason
+    '2 observations cannot tell 7 unknowns'
     """
 
     reason: str

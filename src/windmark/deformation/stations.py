@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.deformation.result import Deformation
 from windmark.errors import UsageError
 from windmark.geometry.rotations import hat
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,15 @@ class Stations:
     fore, aft : (S, 3) the ends of the chords on the undeformed model
     up : (3,) direction of positive bending
     volume : the volume that they are fixed to
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> stations = wm.Stations.along([50.0, 0.0, 0.0], [90.0, 400.0, 0.0], 5, volume="wing", chord=[80.0, 0.0, 0.0])
+    >>> len(stations), stations.eta.tolist()
+    (5, [0.0, 0.25, 0.5, 0.75, 1.0])
+    >>> stations.fore[0].tolist(), stations.aft[0].tolist()
+    ([10.0, 0.0, 0.0], [90.0, 0.0, 0.0])
     """
 
     eta: Array
@@ -120,7 +130,26 @@ def span_values(state: Deformation, stations: Stations, *, frame: str = "model")
     state : the state
     stations : where
     frame : "model": the laws alone; "tunnel": with the rigid motion, so that twist holds the model's pitch, too
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> @wm.law(tip={"unit": "mm", "sigma": 20.0})
+    ... def bend(xyz, tip):
+    ...     return xyz + np.outer((xyz[:, 1] / 400.0) ** 2, [0.0, 0.0, tip])
+    >>> x, y = (v.ravel() for v in np.meshgrid([0.0, 40.0, 80.0], np.linspace(50.0, 400.0, 8)))
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(24)], np.c_[x, y, 0 * x], volume="wing")
+    >>> camera, pose = wm.Camera((640, 480), 800.0), wm.Pose.look_at([300, 200, 700], [40, 200, 0], [0, 1, 0])
+    >>> xy, _ = camera.project(pose.apply(bend.function(markers.xyz, 8.0)))
+    >>> seen = wm.Observations(np.zeros(24, dtype=int), np.arange(24), xy, np.tile(0.01 * np.eye(2), (24, 1, 1)))
+    >>> wing, view = wm.Volume("wing", bend), wm.View("cam1", cam_from_model=pose)
+    >>> state = wm.identify(seen, markers, [wing], camera, [view], free_motion=False)
+    >>> values = wm.span_values(state, wm.Stations.along([40, 0, 0], [40, 400, 0], 3, volume="wing"))
+    >>> values.bending.round(2).tolist(), bool(abs(values.twist_deg).max() < 0.01)
+    ([0.0, 2.0, 8.0], True)
     """
+    check_kinds("span_values", state=(state, Deformation), stations=(stations, Stations))
     if frame not in ("model", "tunnel"):
         raise UsageError(f"span_values: frame must be 'model' or 'tunnel', got {frame!r}")
     ends = np.concatenate([stations.fore, stations.aft])

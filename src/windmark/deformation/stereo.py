@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose, imaged_ellipse, triangulate
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.shown import by_name, check_kinds, list_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -71,7 +72,27 @@ def marker_places(
     ------
     ValueError
         For fewer than two views, or views without a pose.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> markers = wm.MarkerSet.make(["a", "b"], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.2]])
+    >>> camera = wm.Camera((640, 480), 800.0)
+    >>> poses = [wm.Pose.look_at([x, 0.0, 6.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (-2.0, 2.0)]
+    >>> xy = np.concatenate([camera.project(pose.apply(markers.xyz))[0] for pose in poses])
+    >>> seen = wm.Observations(np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]), xy, np.tile(0.01 * np.eye(2), (4, 1, 1)))
+    >>> views = [wm.View(f"view{i}", cam_from_model=pose) for i, pose in enumerate(poses)]
+    >>> places = wm.marker_places(seen, markers, camera, views)
+    >>> np.allclose(places.xyz, markers.xyz), places.views.tolist()
+    (True, [2, 2])
+    >>> bool(places.cov[0, 2, 2] > places.cov[0, 0, 0])  # depth is known less well
+    True
     """
+    check_kinds(
+        "marker_places", observations=(observations, Observations), markers=(markers, MarkerSet),
+        cameras=(cameras, by_name(Camera)), views=(views, list_of(View)),
+    )  # fmt: skip
     if len(views) < 2:
         raise UsageError(f"marker_places: at least two views are needed, got {len(views)}")
     known = {v.camera: cameras for v in views} if isinstance(cameras, Camera) else cameras
@@ -97,7 +118,26 @@ def marker_places(
 
 
 def displacements(before: MarkerPlaces, after: MarkerPlaces) -> Displacements:
-    """Displacement of the markers that have a place at both instants."""
+    """Displacement of the markers that have a place at both instants.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> markers = wm.MarkerSet.make(["a", "b"], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.2]])
+    >>> camera, index = wm.Camera((640, 480), 800.0), np.arange(2)
+    >>> poses = [wm.Pose.look_at([x, 0.0, 6.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (-2.0, 2.0)]
+    >>> views = [wm.View(f"view{i}", cam_from_model=pose) for i, pose in enumerate(poses)]
+    >>> places = []
+    >>> for height in (0.0, 0.1):  # wind off, wind on: b rises
+    ...     xyz = markers.xyz + [[0.0, 0.0, 0.0], [0.0, 0.0, height]]
+    ...     xy = np.concatenate([camera.project(pose.apply(xyz))[0] for pose in poses])
+    ...     seen = wm.Observations(np.repeat(index, 2), np.tile(index, 2), xy, np.tile(0.01 * np.eye(2), (4, 1, 1)))
+    ...     places.append(wm.marker_places(seen, markers, camera, views))
+    >>> moved = wm.displacements(*places)
+    >>> np.allclose(moved.vector, [[0.0, 0.0, 0.0], [0.0, 0.0, 0.1]])
+    True
+    """
     good = [p.marker[p.reason == ""] for p in (before, after)]
     both = np.intersect1d(*good)
     a, b = (np.searchsorted(p.marker, both) for p in (before, after))

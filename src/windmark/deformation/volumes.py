@@ -40,6 +40,18 @@ class Volume:
     law : how it deforms; None where it only follows its parent
     parent : name of the volume it is fixed to; None for the model's frame
     attach : (3,) point at which it is fixed to its parent as a rigid body; None to be deformed with it
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> flap = wm.Volume("flap", parent="wing", attach=(80.0, 200.0, 0.0))  # rigid, goes where the wing goes
+    >>> flap.law is None
+    True
+    >>> try:
+    ...     wm.Volume("flap", attach=(80.0, 200.0, 0.0))
+    ... except ValueError as error:
+    ...     print(error)
+    Volume flap: attach has no meaning without a parent
     """
 
     name: str

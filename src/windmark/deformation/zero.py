@@ -56,6 +56,26 @@ def zero_markers(
     ------
     ValueError
         Without a frame, or for lists of different lengths.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> @wm.law(tip={"unit": "mm", "sigma": 20.0})
+    ... def bend(xyz, tip):
+    ...     return xyz + np.outer((xyz[:, 1] / 400.0) ** 2, [0.0, 0.0, tip])
+    >>> x, y = (v.ravel() for v in np.meshgrid([0.0, 40.0, 80.0], np.linspace(50.0, 400.0, 8)))
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(24)], np.c_[x, y, 0 * x], sigma=0.5, volume="wing")
+    >>> camera, pose = wm.Camera((640, 480), 800.0), wm.Pose.look_at([300, 200, 700], [40, 200, 0], [0, 1, 0])
+    >>> off = np.random.default_rng(0).normal(0.0, 0.5, (24, 3))  # errors of the table
+    >>> xy, _ = camera.project(pose.apply(markers.xyz + off))  # wind off
+    >>> seen = wm.Observations(np.zeros(24, dtype=int), np.arange(24), xy, np.tile(0.01 * np.eye(2), (24, 1, 1)))
+    >>> views = [wm.View("cam1", cam_from_model=pose)]
+    >>> state = wm.identify(seen, markers, [wm.Volume("wing", bend)], camera, views, free_motion=False)
+    >>> zero = wm.zero_markers([state], [seen], [views], markers)
+    >>> error = np.abs(off - zero.shift).mean() / np.abs(off).mean()
+    >>> bool(error < 0.5), bool((zero.markers.sigma < markers.sigma).all())  # less error, and it is known
+    (True, True)
     """
     if not states or not len(states) == len(observations) == len(views):
         raise ValueError(f"zero_markers: expected as many states, observations and views, at least one, got "

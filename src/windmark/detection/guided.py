@@ -151,6 +151,16 @@ def detect_at(
     ------
     ValueError
         An image that is not (H, W) real numbers, predictions that do not fit each other, an unknown option.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> image = wm.synth.disc_image((40, 60), [20.3, 15.6], [4.0, 4.0])
+    >>> found = wm.detect_at(image, [[20.0, 15.0], [45.0, 25.0]], radius_px=4.0)
+    >>> found.answer.tolist()  # 0: found; the second place has no marker
+    [0, 2]
+    >>> found.xy[0].round(1).tolist()
+    [20.3, 15.6]
     """
     if photometry is not None and photometry not in PHOTOMETRIES:
         raise UsageError(f"photometry must be None or one of {', '.join(PHOTOMETRIES)}, got {photometry!r}")

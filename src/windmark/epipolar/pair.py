@@ -13,6 +13,7 @@ from windmark.epipolar.constellation.shifts import shifted
 from windmark.epipolar.result import Cause, NotMatched, PairMatching
 from windmark.geometry import Camera
 from windmark.scene import Detections
+from windmark.scene.shown import check_kinds, optional
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -58,7 +59,25 @@ def match_pair(
     -------
     A `PairMatching`, or a falsy `NotMatched` with its reason. How far apart the views may be depends on the relief:
     some 40 degrees on smooth surfaces, some 10 degrees where neighbours in the picture are at random depths.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> xyz = np.random.default_rng(1).uniform(-1.0, 1.0, (60, 3)) * [2.0, 1.5, 0.2]
+    >>> camera = wm.Camera((640, 480), 800.0)
+    >>> left, right = (wm.Pose.look_at([x, 0.3, 6.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (-0.5, 0.5))
+    >>> a, b = (camera.project(pose.apply(xyz))[0].round(1) for pose in (left, right))
+    >>> pairs = wm.match_pair(wm.Detections.make(a), wm.Detections.make(b[::-1]), camera)
+    >>> bool(pairs), len(pairs.a)
+    (True, 60)
+    >>> np.array_equal(pairs.a, 59 - pairs.b), round(pairs.view.parallax_deg)
+    (True, 9)
     """
+    check_kinds(
+        "match_pair", detections_a=(detections_a, Detections), detections_b=(detections_b, Detections),
+        camera_a=(camera_a, Camera), camera_b=(camera_b, optional(Camera)),
+    )  # fmt: skip
     options: dict[str, Any] = {"max_log10_nfa": max_log10_nfa, "max_rival": max_rival, "seed": seed}
     job = Job.of(detections_a, detections_b, camera_a, camera_b or camera_a, seed)
     if min(len(job.near.a), len(job.near.b)) < FEWEST:

@@ -38,6 +38,21 @@ class PairMatching:
     score : log-likelihood ratio in nats, to compare with that of the runner-up
     runner_up : (score, pairs) of the best matching with other pairs, None where none came near
     options : everything it was made with, by name
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> xyz = np.random.default_rng(1).uniform(-1.0, 1.0, (60, 3)) * [2.0, 1.5, 0.2]
+    >>> camera = wm.Camera((640, 480), 800.0)
+    >>> left, right = (wm.Pose.look_at([x, 0.3, 6.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (-0.5, 0.5))
+    >>> a, b = (wm.Detections.make(camera.project(pose.apply(xyz))[0].round(1)) for pose in (left, right))
+    >>> pairs = wm.match_pair(a, b, camera)
+    >>> shift = b.xy[pairs.b] - a.xy[pairs.a]  # how far each marker moved from picture to picture
+    >>> shift.shape, bool(abs(pairs.distance_px).max() < 0.3)
+    ((60, 2), True)
+    >>> bool(pairs.view.b_from_a.angle_to(right @ left.inverse()) < 0.01), pairs.runner_up is None
+    (True, True)
     """
 
     a: Ints
@@ -69,6 +84,17 @@ class NotMatched:
     count : pairs of the best matching that was seen
     log10_nfa : its false-alarm number
     options : everything it was made with, by name
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> a, b = np.random.default_rng(1).uniform(0.0, 480.0, (2, 30, 2))  # spots that have nothing in common
+    >>> answer = wm.match_pair(wm.Detections.make(a), wm.Detections.make(b), wm.Camera((640, 480), 800.0))
+    >>> bool(answer), answer.cause
+    (False, 'nothing')
+    >>> answer.count
+    0
     """
 
     reason: str

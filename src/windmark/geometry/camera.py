@@ -53,6 +53,18 @@ class Camera:
     k4, k5, k6 : of a rational lens, OpenCV's meaning; k4 is the last coefficient of a fisheye lens
     lens : "brown", "rational" or "fisheye", see `lens`. With a fisheye lens the focal length is pixels per radian on
         the axis, k1 to k4 belong to the angle (`cv2.fisheye`), and points beyond 90 degrees have images
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> camera = wm.Camera((640, 480), 800.0, k1=-0.1)
+    >>> xy, valid = camera.project([[0.0, 0.0, 2.0], [0.1, 0.0, 2.0]])
+    >>> xy.round(2).tolist(), valid.tolist()
+    ([[319.5, 239.5], [359.49, 239.5]], [True, True])
+    >>> camera.unproject(xy).round(6).tolist()
+    [[0.0, 0.0, 1.0], [0.05, 0.0, 1.0]]
+    >>> round(camera.fov_deg, 1)
+    43.6
     """
 
     size_px: tuple[int, int]

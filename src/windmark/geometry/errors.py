@@ -17,6 +17,16 @@ class DegenerateGeometry(DataError):
         What is degenerate, in words.
     weak
         Names of the parameters or directions that are not determined.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> on_a_line = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    >>> try:
+    ...     wm.pose_candidates([[300, 240], [320, 240], [340, 240]], on_a_line, wm.Camera((640, 480), 800.0))
+    ... except wm.DegenerateGeometry as error:
+    ...     print(error.weak)
+    ('rotation about the line of the points',)
     """
 
     def __init__(self, message: str, weak: tuple[str, ...] = ()) -> None:

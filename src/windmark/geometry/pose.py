@@ -23,6 +23,16 @@ class PoV:
 
     A PoV is a name for a pose and a focal length: `pose` and `focal_px` give them back, `Pose.to_pov` names them.
     Any angles are taken (270 for -90); `canonical` gives the same point of view in the angles that `Pose.to_pov` uses.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> pov = wm.PoV(10.0, -20.0, 30.0, 1.0, 2.0, 50.0)
+    >>> again = pov.pose.to_pov()
+    >>> round(again.rx_deg, 6), round(again.ry_deg, 6), round(again.rz_deg, 6), round(again.dz, 6)
+    (10.0, -20.0, 30.0, 50.0)
+    >>> round(wm.PoV(0.0, 0.0, 0.0, 0.0, 0.0, 50.0, fov_deg=90.0).focal_px(640), 6)
+    320.0
     """
 
     rx_deg: float
@@ -69,6 +79,18 @@ class Pose:
     ----------
     rotation : (..., 3, 3) orthonormal, determinant +1 (checked to 1e-6)
     translation : (..., 3) in the project's length unit
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> cam_from_model = wm.Pose.look_at([1.0, 2.0, 10.0], [1.0, 2.0, 0.0], [0.0, 1.0, 0.0])
+    >>> cam_from_model.center.round(6).tolist()
+    [1.0, 2.0, 10.0]
+    >>> cam_from_model.apply([2.0, 3.0, 0.0]).round(6).tolist()  # x right, y down, z away from the camera
+    [1.0, -1.0, 10.0]
+    >>> there_and_back = cam_from_model.inverse() @ cam_from_model
+    >>> bool(there_and_back.angle_to(wm.Pose.identity()) < 1e-9)
+    True
     """
 
     rotation: Array

@@ -28,6 +28,15 @@ class FileError(WindmarkError):
     path : the file
     what : what is wrong and what was expected
     where : the place in the file: a line number (1-based), or a key in words; None for the whole file
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> try:
+    ...     wm.read_markers("no_such_table.csv")
+    ... except wm.FileError as error:
+    ...     print(error)
+    no_such_table.csv: no such file
     """
 
     def __init__(self, path: str | os.PathLike[str], what: str, where: int | str | None = None) -> None:

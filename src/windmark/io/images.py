@@ -29,6 +29,7 @@ from windmark.io.recordings.open import frames, recording_kind
 from windmark.io.recordings.picture import Frame
 from windmark.io.text import Pathlike
 from windmark.options.detection import CHANNEL
+from windmark.scene.shown import ARRAY, PATH, check_kinds
 
 Image = NDArray[Any]
 
@@ -58,6 +59,17 @@ def read_image(path: Pathlike, *, page: Page = ONLY) -> Image:
     ------
     FileError
         When the file is missing, empty, no image, damaged, cut off, has no such page, or several and none was named.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_image(f"{folder}/run7.png", np.full((4, 6), 1000, dtype=np.uint16))
+    ...     image = wm.read_image(f"{folder}/run7.png")
+    >>> image.shape, image.dtype.name, int(image[0, 0])
+    ((4, 6), 'uint16', 1000)
     """
     if page not in (None, ONLY) and (not isinstance(page, int | np.integer) or page < 0):
         raise UsageError(f'read_image: page must be a number from 0, "only" or None, got {page!r}')
@@ -203,7 +215,20 @@ def write_image(path: Pathlike, image: ArrayLike, *, description: str = "") -> N
         For a shape or type that the format cannot hold.
     FileError
         When the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> cp = np.array([[-0.5, 0.25], [np.nan, 1.0]], dtype=np.float32)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_image(f"{folder}/cp.tif", cp, description="pressure coefficient")
+    ...     again = wm.read_image(f"{folder}/cp.tif")
+    >>> np.array_equal(again, cp, equal_nan=True)
+    True
     """
+    check_kinds("write_image", path=(path, PATH), image=(image, ARRAY))
     values = _writable("write_image", path, image)
     kind = _EXTENSIONS[Path(path).suffix.lower()]
     if kind == "TIFF":

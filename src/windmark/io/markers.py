@@ -16,6 +16,7 @@ from windmark.io.errors import FileError
 from windmark.io.text import Pathlike, read_text
 from windmark.io.tgts import read_tgts
 from windmark.scene import ROLES, MarkerSet
+from windmark.scene.shown import PATH, check_kinds
 from windmark.scene.units import IN_WORDS
 
 Array = NDArray[np.float64]
@@ -56,6 +57,18 @@ def read_markers(path: Pathlike, *, roles: Sequence[str] | None = TARGET_ROLES) 
     FileError
         Names the line: missing or unknown column, no number, NaN or infinity, empty or double
         name, unknown role; or no marker left.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import windmark as wm
+    >>> table = wm.MarkerSet.make(["m1", "t1"], [[1, 2, 3], [4, 5, 6]], role=["model", "tap"], length_unit="mm")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_markers(f"{folder}/markers.csv", table)
+    ...     painted = wm.read_markers(f"{folder}/markers.csv")  # without the pressure tap
+    ...     everything = wm.read_markers(f"{folder}/markers.csv", roles=None)
+    >>> painted.name.tolist(), everything.name.tolist(), painted.length_unit
+    (['m1'], ['m1', 't1'], 'mm')
     """
     if roles is not None:
         unknown = sorted(set(roles) - set(ROLES))
@@ -106,7 +119,19 @@ def write_markers(path: Pathlike, markers: MarkerSet, *, length_unit: str = "") 
         empty or begin or end with a space.
     FileError
         When the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import windmark as wm
+    >>> markers = wm.MarkerSet.make(["a", "b"], [[0.1, 0.0, 0.0], [1.0, 0.2, 0.0]], radius=2.5, length_unit="mm")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_markers(f"{folder}/markers.csv", markers)
+    ...     again = wm.read_markers(f"{folder}/markers.csv", roles=None)
+    >>> again.xyz.tolist(), again.radius.tolist(), again.length_unit
+    ([[0.1, 0.0, 0.0], [1.0, 0.2, 0.0]], [2.5, 2.5], 'mm')
     """
+    check_kinds("write_markers", path=(path, PATH), markers=(markers, MarkerSet))
     length_unit = length_unit or markers.length_unit
     if Path(path).suffix.lower() == ".tgts":
         raise UsageError(f"write_markers: path must name a CSV file, got {path}")

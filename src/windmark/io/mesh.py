@@ -26,6 +26,7 @@ from windmark.io.vtk_read import VTK_SUFFIXES, read_vtk
 from windmark.io.vtk_write import SUFFIXES as VTK_WRITTEN
 from windmark.io.vtk_write import write_nodes_vtk
 from windmark.scene import Mesh
+from windmark.scene.shown import PATH, check_kinds
 
 PLOT3D_SUFFIXES = (".grid", ".grd", ".g", ".x", ".xyz", ".p3d", ".p3dfmt", ".fmt", ".unf")
 """Extensions under which `write_mesh` writes PLOT3D; any file that is nothing else is read as PLOT3D."""
@@ -63,6 +64,17 @@ def read_mesh(
         For a name in ``volumes`` that the file has not, or ``volume_face`` with another format.
     FileError
         For a damaged file, one without faces, or nodes in use at NaN or infinity.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_mesh(f"{folder}/plate.stl", plate)
+    ...     read = wm.read_mesh(f"{folder}/plate.stl", volumes="plate")
+    >>> read.triangle_normals().tolist(), read.volume.tolist()
+    ([[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]], ['plate', 'plate'])
     """
     if only and isinstance(volumes, Mapping):
         # A part that is not named may have the name of a volume: a mark tells them apart.
@@ -181,7 +193,19 @@ def write_mesh(path: str | os.PathLike[str], mesh: Mesh, *, length_unit: str = "
         For an unknown extension, or a mesh that the format cannot hold.
     FileError
         Where the file cannot be written; then nothing is.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], "plate")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_mesh(f"{folder}/plate.vtp", plate, length_unit="mm")
+    ...     again = wm.read_mesh(f"{folder}/plate.vtp")
+    >>> again  # this format keeps the volumes and the unit
+    Mesh(nodes=4, triangles=2, volumes=plate, unit=mm)
     """
+    check_kinds("write_mesh", path=(path, PATH), mesh=(mesh, Mesh))
     suffix, units = Path(path).suffix.lower(), {LENGTH: length_unit}
     if suffix in PLOT3D_SUFFIXES:
         write_plot3d(path, mesh)

@@ -79,6 +79,16 @@ def average_frames(
     ------
     ValueError
         For arrays that are not (F, N).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> scene = np.linspace(100.0, 200.0, 50)
+    >>> frames = scene * np.array([[1.0], [1.02], [0.98]])  # the lamp flickers
+    >>> mean = wm.average_frames(frames, np.ones((3, 50)))
+    >>> mean.light.round(3).tolist(), np.allclose(mean.value, scene)
+    ([1.0, 1.02, 0.98], True)
     """
     v, var = np.asarray(values, dtype=float), np.asarray(variances, dtype=float)
     if v.ndim != 2 or v.shape != var.shape or not v.size:

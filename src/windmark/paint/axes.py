@@ -38,6 +38,14 @@ class LoadReference:
     ------
     ValueError
         For lengths that are not above zero or axes that are none.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> reference = wm.LoadReference(area=2.0, chord=0.5, span=4.0, alpha_deg=30.0)
+    >>> drag, side, lift = reference.wind_axes()
+    >>> lift.round(3).tolist()  # along the body axes aft, starboard, up
+    [-0.5, 0.0, 0.866]
     """
 
     area: float

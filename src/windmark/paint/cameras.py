@@ -151,6 +151,18 @@ def merge_cameras(
     ------
     ValueError
         For fields of different lengths, or names that are there twice.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> light = np.linspace(100.0, 200.0, 60)
+    >>> nodes = np.arange(60)
+    >>> left = wm.NodeField.make(np.where(nodes < 45, light, np.nan), 1.0)
+    >>> right = wm.NodeField.make(np.where(nodes > 15, 1.1 * light, np.nan), 1.0)  # another shutter
+    >>> merged = wm.merge_cameras([left, right], ["left", "right"])
+    >>> (merged.gain / merged.gain[0]).round(3).tolist(), int(np.isfinite(merged.field.value).sum())
+    ([1.0, 1.1], 60)
     """
     taper = _checked(fields, names, tapers, gain)
     value = np.stack([np.where(t > 0, f.value, np.nan) for f, t in zip(fields, taper, strict=True)])

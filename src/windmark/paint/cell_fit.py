@@ -49,6 +49,18 @@ class PaintFit:
         sigma was stated
     orders : cross-validated RMS of every order that was tried, or why it cannot be had
     warnings : what is to be said of it, in words
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> p, t = (v.ravel() for v in np.meshgrid(np.linspace(2e4, 1.2e5, 6), [290.0, 300.0, 310.0]))
+    >>> ratio = 0.2 + 0.8 * p / 1e5 + 0.005 * (t - 300.0)
+    >>> fit = wm.fit_paint(p, t, ratio, p_ref=1e5, t_ref=300.0, ratio_sigma=0.001, order=(1, 1))
+    >>> fit.law.coefficients.round(6).tolist()
+    [[0.2, 0.005], [0.8, 0.0]]
+    >>> bool(fit), fit.rms < 1e-9
+    (True, True)
     """
 
     law: SternVolmer
@@ -123,6 +135,16 @@ def fit_paint(
     ------
     ValueError
         For arrays of different lengths, numbers that are not finite, pressures or ratios not above zero, orders.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> p, t = (v.ravel() for v in np.meshgrid(np.linspace(2e4, 1.2e5, 6), [290.0, 300.0, 310.0]))
+    >>> noise = np.random.default_rng(0).normal(0.0, 0.001, p.size)
+    >>> fit = wm.fit_paint(p, t, 0.2 + 0.8 * p / 1e5 + 0.005 * (t - 300.0) + noise, p_ref=1e5, t_ref=300.0)
+    >>> fit.order, fit.rms < 0.002
+    ((1, 1), True)
     """
     table = _table(pressure, temperature, ratio, p_ref, t_ref, ratio_sigma, pressure_sigma, temperature_sigma,
                    (pressure_unit, temperature_unit))  # fmt: skip

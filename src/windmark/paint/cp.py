@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import UsageError
 from windmark.paint.modes import NodeField, combined
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,15 @@ class TunnelConditions:
     cov : (2, 2) of the two; None: exact
     mach, t_0 : Mach number and total temperature, NaN where not known (recovery temperature needs them)
     pressure_unit, temperature_unit : of the above
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> conditions = wm.TunnelConditions.from_mach(1e5, 0.8, 300.0, p_0_sigma=50.0, mach_sigma=0.001)
+    >>> round(conditions.p_inf), round(conditions.q_inf)
+    (65602, 29390)
+    >>> bool(conditions.cov[0, 1] != 0)  # both come from the same two readings
+    True
     """
 
     p_inf: float
@@ -76,7 +86,16 @@ def pressure_coefficient(pressure: NodeField, conditions: TunnelConditions) -> N
     ------
     ValueError
         For pressures in another unit than the conditions.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> conditions = wm.TunnelConditions.of(50000.0, 20000.0, q_sigma=100.0)
+    >>> cp = wm.pressure_coefficient(wm.NodeField.make([50000.0, 70000.0], 200.0, unit="Pa"), conditions)
+    >>> cp.value.tolist(), cp.sigma.round(4).tolist()
+    ([0.0, 1.0], [0.01, 0.0112])
     """
+    check_kinds("pressure_coefficient", pressure=(pressure, NodeField), conditions=(conditions, TunnelConditions))
     if pressure.unit and pressure.unit != conditions.pressure_unit:
         raise UsageError(
             f"pressure_coefficient: the pressure is in {pressure.unit}, the conditions in {conditions.pressure_unit}"

@@ -67,6 +67,18 @@ def form_factors(mesh: Mesh, *, facets: int = FACETS) -> FormFactors:
     Notes
     -----
     One ray decides for a whole far facet, or for a near triangle: shadows have the facets' size.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]]
+    >>> corner = wm.Mesh.make(corners, [[0, 1, 2], [0, 2, 3], [0, 3, 5], [0, 5, 4]])  # floor and wall
+    >>> factors = wm.form_factors(corner)
+    >>> factors.matrix.shape  # nodes, facets
+    (6, 4)
+    >>> plate = wm.Mesh.make(corners[:4], [[0, 1, 2], [0, 2, 3]])
+    >>> int(wm.form_factors(plate).matrix.nnz)  # a plate does not see itself
+    0
     """
     from scipy.sparse import csr_array, vstack
 

@@ -79,6 +79,17 @@ def heat_flux(
     ------
     ValueError
         For a shape that is not (H, F), fewer than two samples, or a correlation that is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> wall = wm.Wall.semi_infinite(0.2, 1.6e6)  # a plastic
+    >>> time = np.arange(50) * 0.1
+    >>> rise = 2.0 * 1000.0 * np.sqrt(time / np.pi) / wall.layers[0].effusivity  # by 1 kW / m^2 from the start on
+    >>> history = 300.0 + rise[None, :]
+    >>> wm.heat_flux(history, 0.1, wall).flux[0, [10, 49]].round(-1).tolist()
+    [1000.0, 1000.0]
     """
     t = np.asarray(temperature, dtype=float)
     if t.ndim != 2 or t.shape[1] < 2:

@@ -46,6 +46,17 @@ class InSitu:
         factor where it comes from few taps; in ``cov``, and in every node's independent noise
     noise : root mean square of what the sigmas of taps and paint explain of their differences
     warnings : what is to be said of it, in words
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> taps = np.array([4e4, 5e4, 6e4, 7e4, 8e4, 9e4, 1e5])
+    >>> paint = 0.95 * taps + 1500.0
+    >>> paint[3] += 9000.0  # a blocked tap
+    >>> fit = wm.in_situ(list("abcdefg"), taps, wm.NodeField.make(paint, 50.0, unit="Pa"), pressure_sigma=20.0)
+    >>> fit.used.tolist(), dict(fit.blocked)
+    ([True, True, True, False, True, True, True], {'d': '-9474 off, by 154 sigma'})
     """
 
     coefficients: Array
@@ -135,6 +146,18 @@ def in_situ(
     ------
     ValueError
         For arrays of different lengths, a sigma that is not above zero, or unknown options.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> taps = np.array([4e4, 5e4, 6e4, 7e4, 8e4])
+    >>> paint = wm.NodeField.make(0.95 * taps + 1500.0, 50.0, unit="Pa")
+    >>> fit = wm.in_situ([f"t{k}" for k in range(5)], taps, paint, pressure_sigma=20.0)
+    >>> bool(fit), fit.used.tolist(), bool(abs(fit.residuals).max() < 1.0)
+    (True, [True, True, True, True, True], True)
+    >>> fit.applied(paint).value.round(0).tolist()
+    [40000.0, 50000.0, 60000.0, 70000.0, 80000.0]
     """
     p, sigma = np.asarray(pressure, dtype=float), np.asarray(pressure_sigma, dtype=float)
     _check(names, p, x, sigma, common_sigma, order, free)

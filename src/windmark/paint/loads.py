@@ -16,6 +16,7 @@ from windmark.paint.modes import NodeField
 from windmark.paint.surface import Surface, joined_surface
 from windmark.paint.unseen import guesses_of
 from windmark.scene import Mesh
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,6 +43,20 @@ class Loads:
         pressure that is taken as zero, which is p_inf for Cp
     closed : (G,)
     warnings : what is to be said of it, in words
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], "wing")
+    >>> cp = wm.NodeField.make([-0.5, -0.5, -0.5, -0.5], 0.01).with_mode("calibration", [0.03, 0.03, 0.03, 0.03])
+    >>> loads = wm.integrate_loads(plate, cp, wm.LoadReference(area=2.0, chord=2.0, span=1.0))
+    >>> loads.names
+    ('wing', 'all')
+    >>> lift, sigma = loads.row("wing")["CL"]
+    >>> round(lift, 6), round(sigma, 3)
+    (0.5, 0.03)
+    >>> loads.dominant("wing", "CL")[0][0]  # what most of the uncertainty comes from
+    'calibration'
     """
 
     names: tuple[str, ...]
@@ -101,7 +116,20 @@ def integrate_loads(
     Cp is linear in each triangle, so force and moment are exact sums: F = -sum A n (Cp_a + Cp_b + Cp_c) / 3, and the
     moment's integrals of r Cp over a triangle have the weights 1/6 and 1/12 (Zienkiewicz and Taylor, The Finite
     Element Method 1, section 9.8).
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], "wing")
+    >>> suction = wm.NodeField.make([-0.5, -0.5, -0.5, -0.5])
+    >>> loads = wm.integrate_loads(plate, suction, wm.LoadReference(area=2.0, chord=2.0, span=1.0, alpha_deg=60.0))
+    >>> row = loads.row("wing")
+    >>> [round(float(row[name][0]), 6) for name in ("CN", "CL")]
+    [0.5, 0.25]
+    >>> loads.closed.tolist()  # an open surface: its loads depend on the zero of the pressure
+    [False, False]
     """
+    check_kinds("integrate_loads", mesh=(mesh, Mesh), cp=(cp, NodeField), reference=(reference, LoadReference))
     if len(cp) != len(mesh.vertices):
         raise ValueError(f"integrate_loads: cp must have {len(mesh.vertices)} nodes, got {len(cp)}")
     if not 0 <= least_seen <= 1:

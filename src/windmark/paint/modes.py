@@ -46,6 +46,15 @@ class NodeField:
     ------
     ValueError
         For arrays that do not fit together, a negative variance, names that are there twice, more than 30 columns.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> pressure = wm.NodeField.make([100.0, 120.0], 3.0, unit="Pa").with_mode("offset", [4.0, 4.0])
+    >>> pressure.sigma.tolist()  # of independent noise and of what all nodes share
+    [5.0, 5.0]
+    >>> pressure.take([1]).value.tolist(), pressure.names
+    ([120.0], ('offset',))
     """
 
     value: Array

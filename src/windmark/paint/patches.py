@@ -16,6 +16,7 @@ from windmark.paint.filling import fill_smoothly
 from windmark.paint.modes import NodeField
 from windmark.paint.surface import Surface, joined_surface
 from windmark.scene import Mesh
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -137,7 +138,22 @@ def fill_patches(mesh: Mesh, field: NodeField, patch: ArrayLike) -> FilledField:
     ------
     DataError
         Where a patch hangs together with no node that has a value.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> y, x = np.mgrid[0:10, 0:10]
+    >>> i = (np.arange(9) + 10 * np.arange(9)[:, None]).ravel()
+    >>> triangles = np.r_[np.c_[i, i + 1, i + 11], np.c_[i, i + 11, i + 10]]
+    >>> plate = wm.Mesh.make(np.c_[x.ravel(), y.ravel(), 0 * x.ravel()], triangles)
+    >>> marker = ((x == 4) & (y == 5)).ravel()  # one node lies on a marker
+    >>> cp = wm.NodeField.make(np.where(marker, 99.0, 0.1 * x.ravel()), 0.01)
+    >>> filled = wm.fill_patches(plate, cp, marker)
+    >>> filled.field.value[marker].round(2).tolist(), int(filled.filled.sum())
+    ([0.4], 1)
     """
+    check_kinds("fill_patches", mesh=(mesh, Mesh), field=(field, NodeField))
     number = np.asarray(patch)
     if number.dtype == bool:
         number = np.where(number, 0, -1)

@@ -85,6 +85,17 @@ def photon_transfer(
     -----
     Frames of compressed video, or interpolated from a mosaic of colours, have correlated noise, and their gain is too
     small.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> rng = np.random.default_rng(0)
+    >>> electrons = np.tile(np.linspace(200.0, 8000.0, 200), (4, 100, 1))
+    >>> frames = np.rint(0.5 * rng.poisson(electrons) + rng.normal(0.0, 2.0, electrons.shape)).astype(np.uint16)
+    >>> sensor = wm.photon_transfer(frames)
+    >>> round(sensor.gain, 2)  # grey levels per electron
+    0.5
     """
     given = np.asarray(frames)
     if given.ndim != 3 or len(given) < 2:

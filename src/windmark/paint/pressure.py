@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import UsageError
 from windmark.paint.modes import NodeField, combined
 from windmark.paint.stern_volmer import NO_RATIO, NO_REFERENCE, NO_TEMPERATURE, SternVolmer
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -59,7 +60,18 @@ def pressure_map(
     ------
     ValueError
         For fields of different lengths or a temperature in another unit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> paint = wm.SternVolmer(np.array([[0.2, 0.0], [0.8, 0.005]]), 1e5, 300.0, (2e4, 1.2e5), (290.0, 320.0))
+    >>> ratio = wm.NodeField.make([0.6, 1.0, 9.0])
+    >>> result = wm.pressure_map(paint, ratio, wm.given_temperature(300.0, count=3))
+    >>> result.field.value.round(3).tolist(), result.flags.tolist()
+    ([50000.0, 100000.0, 1100000.0], [0, 0, 1])
     """
+    check_kinds("pressure_map", law=(law, SternVolmer), ratio=(ratio, NodeField), temperature=(temperature, NodeField))
     _same_unit(temperature, law.temperature_unit)
     if isinstance(t_off, NodeField):
         _same_unit(t_off, law.temperature_unit)

@@ -57,6 +57,16 @@ class PlanckBand:
     ----------
     low_um, high_um : of the band, in micrometres; the sensitivity is even in between
     t_range : temperatures (K) for which the inverse is tabulated
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> band = wm.PlanckBand(8.0, 9.4)
+    >>> signal = band.radiance([300.0, 310.0])
+    >>> round(float(signal[1] / signal[0]), 2)  # ten kelvin more
+    1.2
+    >>> band.temperature(signal).round(3).tolist()
+    [300.0, 310.0]
     """
 
     low_um: float
@@ -161,6 +171,15 @@ def surface_temperature(
     -------
     (N) temperature, with the errors of a fitted ``radiance`` as the modes ``calibration``, and (N,) flags: 8 no signal
     or emissivity, 4 less of it than is reflected, 2 beyond the radiance's range. NaN with a flag.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> band = wm.PlanckBand(8.0, 9.4)
+    >>> signal = wm.NodeField.make(0.9 * band.radiance([300.0, 340.0]) + 0.1 * band.radiance([295.0]), 0.01)
+    >>> wall, flags = wm.surface_temperature(signal, band, emissivity=0.9, surroundings=295.0)
+    >>> wall.value.round(2).tolist(), flags.tolist()
+    ([300.0, 340.0], [0, 0])
     """
     e = np.broadcast_to(np.asarray(emissivity, dtype=float), signal.value.shape)
     if not ((e > 0) & (e <= 1) | np.isnan(e)).all() or not 0 < transmission <= 1:

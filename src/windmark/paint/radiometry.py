@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError, UsageError
 from windmark.scene.levels import clipped_level
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -87,6 +88,17 @@ class SensorModel:
     flat : (H, W) relative sensitivity, None for an even one
     linearity : of the sensor, None for a linear one
     dead : (H, W) bool, pixels that do not count
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> sensor = wm.SensorModel(dark=100.0, saturation=4000.0, gain=0.5, read_variance=4.0)
+    >>> light = wm.correct_picture(np.full((2, 3), 1100, dtype=np.uint16), sensor)
+    >>> light.value[0].tolist()
+    [1000.0, 1000.0, 1000.0]
+    >>> light.variance[0].tolist()  # gain * light + read_variance
+    [504.0, 504.0, 504.0]
     """
 
     dark: Array | float
@@ -151,7 +163,17 @@ def correct_picture(picture: ArrayLike, sensor: SensorModel, *, most_saturated: 
         of it is saturated.
     ValueError
         For pictures of another size.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> sensor = wm.SensorModel(dark=100.0, saturation=4000.0, gain=0.5, read_variance=4.0)
+    >>> light = wm.correct_picture(np.array([[1100, 2100, 3100, 2600, 4095]], dtype=np.uint16), sensor)
+    >>> light.value[0].tolist(), light.flags[0].tolist()  # the last pixel is saturated
+    ([1000.0, 2000.0, 3000.0, 2500.0, 3995.0], [0, 0, 0, 0, 1])
     """
+    check_kinds("correct_picture", picture=(picture, ARRAY), sensor=(sensor, SensorModel))
     raw = np.asarray(picture, dtype=float)
     if raw.ndim != 2:
         raise ValueError(f"correct_picture: the picture must be (H, W), got {raw.shape}")

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import DataError, UsageError, g3
 from windmark.paint.form_factors import FormFactors
 from windmark.paint.modes import NodeField
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 
@@ -66,7 +67,19 @@ def remove_self_illumination(
     ------
     DataError
         Where no light was seen, or more is reflected than was measured: the reflectivity or the factors are wrong.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]]
+    >>> corner = wm.Mesh.make(corners, [[0, 1, 2], [0, 2, 3], [0, 3, 5], [0, 5, 4]])  # floor and wall
+    >>> measured = wm.NodeField.make(np.full(6, 100.0))
+    >>> own = wm.remove_self_illumination(measured, wm.form_factors(corner), 0.5)
+    >>> bool((own.field.value < 100.0).all()), own.node  # most is reflected in the corner
+    (True, 3)
     """
+    check_kinds("remove_self_illumination", light=(light, NodeField), factors=(factors, FormFactors))
     _check(len(light), factors, reflectivity)
     if not reflectivity_sigma >= 0:
         raise UsageError(f"self-illumination: reflectivity_sigma must be at least 0, got {reflectivity_sigma}")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError, UsageError
 from windmark.paint.modes import NodeField, combined
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,16 @@ def form_ratio(
     ------
     ValueError
         For fields of different lengths.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> off, on = wm.NodeField.make([200.0, 200.0], 2.0), wm.NodeField.make([100.0, 0.0], 1.0)
+    >>> ratio = wm.form_ratio(off, on)
+    >>> ratio.value.tolist(), ratio.sigma.round(4).tolist()  # no light, no ratio
+    ([2.0, nan], [0.0283, nan])
     """
+    check_kinds("form_ratio", reference=(reference, NodeField), on=(on, NodeField))
     parts = [reference, on, *(channel if channel is not None else ())]
     if len({len(p) for p in parts}) > 1:
         raise ValueError(f"form_ratio: all fields must have one length, got {[len(p) for p in parts]}")

@@ -15,6 +15,15 @@ class NotFitted:
     ----------
     reason : why, in words for the user
     details : figures that belong to it, by name
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> answer = wm.fit_paint([1e4, 1e4, 1e4], [300.0, 300.0, 300.0], [0.5, 0.5, 0.5], p_ref=1e5, t_ref=300.0)
+    >>> bool(answer)
+    False
+    >>> answer.reason
+    'fit_paint: order 1 in pressure, 0 in temperature needs 2 different pressures, the table has 1'
     """
 
     reason: str

@@ -14,6 +14,7 @@ from windmark.paint.axes import LoadReference
 from windmark.paint.carry import carried
 from windmark.paint.modes import NodeField, interpolated
 from windmark.scene import Mesh
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -105,7 +106,18 @@ def section_profile(mesh: Mesh, cp: NodeField, cut: Cut, reference: LoadReferenc
     ------
     DataError
         For a cut without points or without extent along the chord.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> cp = wm.NodeField.make([-1.0, 0.0, 0.0, -1.0])
+    >>> cut = wm.section(plate, [0.0, 0.5, 0.0], [0.0, 1.0, 0.0])
+    >>> profile = wm.section_profile(plate, cp, cut, wm.LoadReference(area=2.0, chord=2.0, span=1.0))
+    >>> profile.x_c.tolist(), profile.cp.value.tolist(), profile.upper.tolist()
+    ([0.0, 0.5, 1.0], [-1.0, -0.5, 0.0], [True, True, True])
     """
+    check_kinds("section_profile", mesh=(mesh, Mesh), cp=(cp, NodeField), reference=(reference, LoadReference))
     if len(cp) != len(mesh.vertices):
         raise ValueError(f"section_profile: cp must have {len(mesh.vertices)} nodes, got {len(cp)}")
     aft, _, up = reference.body_axes
@@ -146,7 +158,18 @@ def span_loading(
     -------
     SpanLoading. Forces per unit of span are integrals along the cut: f = -integral of Cp n ds, n in the plane. Lines
     that are not closed leave out what closes them (a blunt base).
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> cp, reference = wm.NodeField.make([-1.0, 0.0, 0.0, -1.0]), wm.LoadReference(area=2.0, chord=2.0, span=1.0)
+    >>> cuts = [wm.section(plate, [0.0, y, 0.0], [0.0, 1.0, 0.0]) for y in (0.25, 0.75)]
+    >>> loading = wm.span_loading(plate, cp, cuts, [0.0, 1.0, 0.0], reference)
+    >>> loading.station.tolist(), loading.value[:, 0].round(6).tolist()  # normal force of each section
+    ([0.25, 0.75], [0.5, 0.5])
     """
+    check_kinds("span_loading", mesh=(mesh, Mesh), cp=(cp, NodeField), reference=(reference, LoadReference))
     n = np.asarray(normal, dtype=float)
     if n.shape != (3,) or not np.linalg.norm(n) > 0:
         raise UsageError(f"span_loading: normal must be three numbers, not all zero, got {normal!r}")

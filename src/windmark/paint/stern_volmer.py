@@ -48,6 +48,17 @@ class SternVolmer:
     ValueError
         For ranges or shapes that are none, or where I_ref / I is not positive and rising with pressure everywhere in
         the calibrated range: such a law has no inverse.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> paint = wm.SternVolmer(np.array([[0.2, 0.0], [0.8, 0.005]]), 1e5, 300.0, (2e4, 1.2e5), (290.0, 320.0))
+    >>> paint.ratio([1e5, 5e4], 300.0).round(6).tolist()  # I_ref / I
+    [1.0, 0.6]
+    >>> by_pressure, by_temperature, _ = paint.slopes(1e5, 300.0)
+    >>> round(float(by_temperature / by_pressure), 3)  # pascals that one kelvin is mistaken for
+    625.0
     """
 
     coefficients: Array

@@ -27,6 +27,13 @@ def given_temperature(value: ArrayLike, sigma: ArrayLike = 0.0, *, common_sigma:
     ----------
     sigma : (N,) or one number, independent errors
     common_sigma : error that all nodes share, the mode ``cause``
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> wall = wm.given_temperature(295.0, 0.3, common_sigma=0.4, count=3)
+    >>> wall.value.tolist(), wall.sigma.round(6).tolist(), wall.names
+    ([295.0, 295.0, 295.0], [0.5, 0.5, 0.5], ('temperature',))
     """
     v = np.asarray(value, dtype=float)
     if v.ndim == 0:
@@ -60,6 +67,14 @@ def recovery_temperature(
     ------
     DataError
         Where the conditions hold no Mach number or no total temperature, or one that is not absolute.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> conditions = wm.TunnelConditions.from_mach(1e5, 0.8, 300.0)
+    >>> wall = wm.recovery_temperature(conditions, 2, recovery=[0.845, 0.896])  # laminar, turbulent
+    >>> wall.value.round(2).tolist()
+    [294.72, 296.46]
     """
     if not (np.isfinite(conditions.mach) and np.isfinite(conditions.t_0)):
         raise DataError("recovery_temperature: the conditions have no Mach number or no total temperature")
@@ -111,6 +126,16 @@ def thermocouple_temperature(
     -----
     Kriging with an unknown mean and the covariance spread^2 exp(-d^2 / (2 length^2)) (Cressie, Statistics for Spatial
     Data, 1993, section 3.2); distances are straight ones, through the model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> nodes = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [50.0, 0.0, 0.0]])
+    >>> places = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    >>> wall = wm.thermocouple_temperature(nodes, places, [300.0, 302.0, 304.0], sigma=0.1, length=1.0)
+    >>> wall.value.round(1).tolist(), wall.sigma.round(2).tolist()
+    ([300.0, 300.7, 302.0], [0.1, 0.28, 2.5])
     """
     node, at = np.asarray(xyz, dtype=float), np.asarray(points, dtype=float)
     t, s = np.asarray(values, dtype=float), np.asarray(sigma, dtype=float)

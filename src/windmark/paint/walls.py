@@ -28,7 +28,15 @@ CHUNK = 4096
 
 @dataclass(frozen=True)
 class Layer:
-    """One layer: thickness (m), conductivity (W / m K) and heat capacity per volume, density times c (J / m^3 K)."""
+    """One layer: thickness (m), conductivity (W / m K) and heat capacity per volume, density times c (J / m^3 K).
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> steel = wm.Layer(thickness=0.01, conductivity=16.0, capacity=4.0e6)
+    >>> steel.effusivity, steel.diffusivity
+    (8000.0, 4e-06)
+    """
 
     thickness: float
     conductivity: float
@@ -59,6 +67,18 @@ class Wall:
     back : "semi-infinite": the last layer goes on (its thickness then only says how long that may be thought);
         "adiabatic": no heat leaves at its back; "isothermal": its back keeps the initial temperature
     relative_sigma : of the effusivities, in common to all nodes: it goes straight into the flux
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> steel = wm.Wall.semi_infinite(16.0, 4.0e6)
+    >>> painted = wm.Wall.of([wm.Layer(2e-4, 0.2, 1.6e6), wm.Layer(0.02, 16.0, 4.0e6)], back="adiabatic")
+    >>> painted.back, [layer.thickness for layer in painted.layers]
+    ('adiabatic', [0.0002, 0.02])
+    >>> early, late = steel.heated_depth([1.0, 4.0])
+    >>> round(float(late / early), 3)  # heat goes on with the square root of time
+    2.0
     """
 
     layers: tuple[Layer, ...]

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose, p3p
 from windmark.geometry.rotations import hat
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,19 @@ class PoseCandidates:
     residual_px : (n, K) distance of each marker's projection from its spot, 0 but rounding for the three; NaN where the
         pose has the marker behind the camera
     sigmas : (n, K) the same in sigmas, with what the noise of the three spots leaves to the pose
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> camera = wm.Camera((640, 480), 800.0)
+    >>> xyz = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [1.0, 1.0, 1.0]]
+    >>> true = wm.Pose.look_at([3.0, 2.0, 9.0], [0.5, 0.5, 0.0], [0.0, 1.0, 0.0])
+    >>> xy, _ = camera.project(true.apply(xyz))
+    >>> found = wm.pose_candidates(xy, xyz, camera)
+    >>> found.compatible.tolist()  # the fourth marker contradicts the second pose
+    [True, False]
+    >>> found.decided is found.cam_from_model[0]
+    True
     """
 
     cam_from_model: tuple[Pose, ...]
@@ -75,7 +89,19 @@ def pose_candidates(xy: ArrayLike, xyz: ArrayLike, camera: Camera, *, sigma_px: 
     Three markers leave two poses always and sometimes four; double solutions (camera on the danger cylinder) are listed
     once. A further marker's distance is compared with its own noise and with that of the pose, to first order: near the
     danger cylinder, and for a fourth marker near the plane of the three under a long lens, it decides nothing.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> camera = wm.Camera((640, 480), 800.0)
+    >>> xyz = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [1.0, 1.0, 1.0]]
+    >>> true = wm.Pose.look_at([3.0, 2.0, 9.0], [0.5, 0.5, 0.0], [0.0, 1.0, 0.0])
+    >>> xy, _ = camera.project(true.apply(xyz))
+    >>> best = wm.pose_candidates(xy, xyz, camera).cam_from_model[0]
+    >>> bool(best.angle_to(true) < 1e-6)
+    True
     """
+    check_kinds("pose_candidates", xy=(xy, ARRAY), xyz=(xyz, ARRAY), camera=(camera, Camera))
     spots, markers = np.asarray(xy, dtype=float), np.asarray(xyz, dtype=float)
     if spots.ndim != 2 or spots.shape[1] != 2 or len(spots) < 3:
         raise ValueError(f"pose_candidates: xy must be (K, 2) with K at least 3, got {spots.shape}")

@@ -12,6 +12,7 @@ from windmark.adjust import PoseEstimate, refine_pose
 from windmark.errors import DataError, g3
 from windmark.geometry import Camera, DegenerateGeometry, Pose, p3p
 from windmark.registration.task import with_focal
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,20 @@ def pose_from_labels(
     DegenerateGeometry
         Fewer than four pairs, markers on one line, free parameters that the pairs do not determine, or two
         distinct poses that fit equally well (a small flat set of markers under a long lens).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> camera = wm.Camera((640, 480), 800.0)
+    >>> xyz = [[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0], [1, 1, 1]]
+    >>> true = wm.Pose.look_at([3.0, 2.0, 9.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0])
+    >>> xy, _ = camera.project(true.apply(xyz))
+    >>> found = wm.pose_from_labels(xy, xyz, camera, cov=np.tile(0.01 * np.eye(2), (5, 1, 1)))
+    >>> bool(found.cam_from_model.angle_to(true) < 1e-6), found.cov.shape
+    (True, (6, 6))
     """
+    check_kinds("pose_from_labels", xy=(xy, ARRAY), xyz=(xyz, ARRAY), camera=(camera, Camera))
     spots, markers = _checked(xy, xyz)
     cameras = [camera]
     if "focal_px" in free:

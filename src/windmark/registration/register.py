@@ -208,7 +208,22 @@ def register_rig(
     detections: Sequence[Detections], markers: MarkerSet, cameras: Sequence[Camera], cam_from_rig: Sequence[Pose],
     **options: Any,
 ) -> RigRegistration | NotRegistered:  # fmt: skip
-    """`register` of several images taken at once, with its options; ``cam_from_rig`` says where the cameras are."""
+    """`register` of several images taken at once, with its options; ``cam_from_rig`` says where the cameras are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> rng = np.random.default_rng(1)
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(20)], rng.uniform(-1.0, 1.0, (20, 3)) * [2.0, 1.0, 0.2])
+    >>> camera = wm.Camera((640, 480), 800.0)
+    >>> poses = [wm.Pose.look_at([x, 0.3, 6.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (-1.0, 1.0)]
+    >>> cam_from_rig = [pose @ poses[0].inverse() for pose in poses]  # the first camera's frame is the rig's
+    >>> spots = [wm.Detections.make(camera.project(pose.apply(markers.xyz))[0].round(1)) for pose in poses]
+    >>> answer = wm.register_rig(spots, markers, [camera, camera], cam_from_rig)
+    >>> bool(answer), bool(answer.rig_from_model.angle_to(poses[0]) < 1e-3)
+    (True, True)
+    """
     return register(detections, markers, cameras, cam_from_rig=cam_from_rig, **options)
 
 

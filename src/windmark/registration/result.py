@@ -175,6 +175,22 @@ class Registration(_Found):
     deformation : None if the rigid model explains the spots. Otherwise the residuals are those of the deformed one
     unchecked : what this picture cannot tell, though the pose rests on it
     options : everything the registration was made with, by name
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> rng = np.random.default_rng(1)
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(20)], rng.uniform(-1.0, 1.0, (20, 3)) * [2.0, 1.0, 0.2])
+    >>> camera, pose = wm.Camera((640, 480), 800.0), wm.Pose.look_at([0.5, 0.3, 6.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> spots = wm.Detections.make(camera.project(pose.apply(markers.xyz))[0].round(1)[::-1])  # in any order
+    >>> answer = wm.register(spots, markers, camera)
+    >>> bool(answer), len(answer.matching), answer.rms_px < 0.1
+    (True, 20, True)
+    >>> answer.matching.detection[:3].tolist()  # the spots of the first three markers
+    [19, 18, 17]
+    >>> answer.weak  # no direction in which the pose is not well known
+    ()
     """
 
     cam_from_model: Pose
@@ -269,6 +285,21 @@ class RigRegistration(_Found):
     deformation : None if the rigid model explains the spots; its ``shift_px`` is that in the first camera
     unchecked : what these pictures cannot tell, though the pose rests on it
     options : everything the registration was made with, by name
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> rng = np.random.default_rng(1)
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(20)], rng.uniform(-1.0, 1.0, (20, 3)) * [2.0, 1.0, 0.2])
+    >>> camera = wm.Camera((640, 480), 800.0)
+    >>> poses = [wm.Pose.look_at([x, 0.3, 6.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (-1.0, 1.0)]
+    >>> spots = [wm.Detections.make(camera.project(pose.apply(markers.xyz))[0].round(1)) for pose in poses]
+    >>> answer = wm.register_rig(spots, markers, [camera, camera], [pose @ poses[0].inverse() for pose in poses])
+    >>> answer.counts
+    (20, 20)
+    >>> bool(answer.cam_from_model(1).angle_to(poses[1]) < 1e-3)
+    True
     """
 
     rig_from_model: Pose
@@ -303,6 +334,16 @@ class NotRegistered:
     n_hypotheses : links of three markers to three spots that were tried
     weak : with the cause "focal", the directions that the spots hardly determine, weakest first
     options : everything the attempt was made with, by name
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> markers = wm.MarkerSet.make(["a", "b"], [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    >>> answer = wm.register(wm.Detections.make([[100, 100], [200, 100]]), markers, wm.Camera((640, 480), 800.0))
+    >>> bool(answer), answer.cause
+    (False, 'too_few')
+    >>> answer.reason
+    '2 spots: three pairs fix a pose and a fourth is needed to check it'
     """
 
     reason: str

@@ -25,7 +25,7 @@ from windmark.resection.surface_view import see_surface
 from windmark.resection.virtual import see_pixels
 from windmark.resection.visibility import NodeView, checked_angle, see_nodes
 from windmark.scene import Mesh
-from windmark.scene.shown import xarray_dataset
+from windmark.scene.shown import check_kinds, list_of, xarray_dataset
 
 Array = NDArray[np.float64]
 
@@ -73,6 +73,18 @@ class MergedViews:
     seams : steps where one picture takes over from another
     well : (C, V) nodes that a picture sees well enough to be compared with others
     left_out : pictures that do not take part, with the reason
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> camera, grey = wm.Camera((64, 48), 60.0), np.ones((48, 64))
+    >>> left, right = (wm.Pose.look_at([x, 0.0, 4.0], [x, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (-1.4, 1.4))
+    >>> pictures = [wm.Picture("left", 5 * grey, camera, left), wm.Picture("right", 7 * grey, camera, right)]
+    >>> merged = wm.merge_views(plate, pictures, gain="none")
+    >>> merged.names, merged.nodes.source.tolist(), merged.nodes.value.tolist()
+    (('left', 'right'), [0, 1, 1, 0], [5.0, 7.0, 7.0, 5.0])
     """
 
     mesh: Mesh
@@ -139,6 +151,19 @@ class NotMerged:
     ----------
     reason : why, in words for the user
     left_out : single pictures with their reasons
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> picture = wm.Picture("cam1", np.full((48, 64), 5.0), wm.Camera((64, 48), 60.0), above)
+    >>> answer = wm.merge_views(plate, [picture])
+    >>> bool(answer)
+    False
+    >>> answer.reason
+    'merging needs two pictures, only cam1 shows the surface'
     """
 
     reason: str
@@ -195,7 +220,23 @@ def merge_views(
     Source: AIAA 2005-5007, section III.D. Weights do not follow the noise of single values, so they do not bend the
     mean. Nodes are sampled at points: nodes coarser than pixels are not averaged over their cells. Markers and dirt are
     part of the picture: they are at the same place in all of them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> y, x = np.mgrid[-1:1:10j, -1:1:10j]  # a plate of 10 by 10 nodes
+    >>> i = (np.arange(9) + 10 * np.arange(9)[:, None]).ravel()
+    >>> triangles = np.r_[np.c_[i, i + 1, i + 11], np.c_[i, i + 11, i + 10]]
+    >>> plate = wm.Mesh.make(np.c_[x.ravel(), y.ravel(), 0.0 * x.ravel()], triangles)
+    >>> camera, light = wm.Camera((128, 96), 120.0), np.tile(np.linspace(5.0, 6.0, 96)[:, None], 128)
+    >>> poses = [wm.Pose.look_at([x, 0.0, 4.0], [x, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (-0.2, 0.2)]
+    >>> left, right = wm.Picture("left", light, camera, poses[0]), wm.Picture("right", 2.0 * light, camera, poses[1])
+    >>> merged = wm.merge_views(plate, [left, right], reference="left")
+    >>> merged.gains.gain.round(3).tolist()  # the right picture is twice as bright
+    [1.0, 2.0]
     """
+    check_kinds("merge_views", mesh=(mesh, Mesh), pictures=(pictures, list_of(Picture)))
     _check(pictures, gain, offset, reference, max_obliquity_deg, taper_deg, taper_px)
     options = {
         "gain": gain, "offset": offset, "black": float(black), "max_obliquity_deg": float(max_obliquity_deg),

@@ -60,6 +60,16 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS) -> NoiseLaw:
     Notes
     -----
     Source of the operator: J. Immerkaer, Computer Vision and Image Understanding 64 (1996).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> light = np.tile(np.linspace(100.0, 900.0, 200), (200, 1))
+    >>> image = np.random.default_rng(0).normal(light, np.sqrt(0.04 * light))  # photon noise
+    >>> law = wm.noise_law(image)
+    >>> round(law.slope, 2)  # variance per grey level
+    0.04
     """
     pixels = np.asarray(image)
     if pixels.ndim != 2:

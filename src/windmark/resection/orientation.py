@@ -75,6 +75,15 @@ def orient_outward(
     O. Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", ACM
     Transactions on Graphics 32 (2013); solid angle of a triangle: A. van Oosterom, J. Strackee, IEEE
     Transactions on Biomedical Engineering 30 (1983).
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 3, 2]])
+    >>> plate.triangle_normals()[:, 2].tolist()  # one triangle is turned over
+    [2.0, -2.0]
+    >>> wm.orient_outward(plate, outside=[0.0, 0.0, 5.0]).triangle_normals()[:, 2].tolist()
+    [2.0, 2.0]
     """
     if not len(mesh.triangles):
         return mesh

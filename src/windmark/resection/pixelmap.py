@@ -12,7 +12,7 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry.rays import pixel_rays
 from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, for_kernels, single_pose, to_camera_frame
 from windmark.scene import Mesh
-from windmark.scene.shown import xarray_dataset
+from windmark.scene.shown import check_kinds, xarray_dataset
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,19 @@ class PixelMap:
         rest), NaN for none. They are weights in space, so perspective is accounted for:
         ``xyz = a + w0 (b - a) + w1 (c - a)``
     mesh, camera, cam_from_model : what the map was made of
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> pixels = wm.map_pixels(plate, wm.Camera((64, 48), 60.0), above)
+    >>> bool(pixels.valid[24, 32]), bool(pixels.valid[0, 0])
+    (True, False)
+    >>> x = pixels.interpolate(plate.vertices[:, 0])  # of a quantity on the nodes, what each pixel sees
+    >>> np.allclose(x, pixels.xyz()[..., 0], equal_nan=True)
+    True
     """
 
     triangle: NDArray[np.int32]
@@ -181,6 +194,7 @@ def map_pixels(mesh: Mesh, camera: Camera, cam_from_model: Pose, *, cull_backfac
     Source: AIAA 2005-5007, section III.D. Pixels beyond the radius where the lens model is one to one
     are not valid.
     """
+    check_kinds("map_pixels", mesh=(mesh, Mesh), camera=(camera, Camera), cam_from_model=(cam_from_model, Pose))
     pose = single_pose(cam_from_model, "map_pixels")
     width, height = camera.size_px
     vertices_cam = to_camera_frame(pose, mesh.vertices)

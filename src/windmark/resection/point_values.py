@@ -17,7 +17,7 @@ from windmark.resection.sources import Picture, prepare, value_variance
 from windmark.resection.surface_view import see_surface
 from windmark.resection.visibility import NodeView
 from windmark.scene import Mesh
-from windmark.scene.shown import pandas_table
+from windmark.scene.shown import ARRAY, check_kinds, pandas_table
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,19 @@ class PointValues:
     xy : (N, 2) pixels, NaN where the point has no place in the picture
     xyz : (N, 3) the point of the surface that was looked at
     moved : (N,) how far the point asked for was moved onto the surface
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> image, camera = np.full((48, 64), 7.0), wm.Camera((64, 48), 60.0)
+    >>> tap = wm.sample_points(image, camera, above, plate, [[0.3, 0.2, 0.01]], max_distance=0.05, noise=1.0)
+    >>> tap.xyz.round(3).tolist(), tap.moved.round(3).tolist()  # brought onto the surface
+    ([[0.3, 0.2, 0.0]], [0.01])
+    >>> tap.value.round(3).tolist(), bool(tap.sigma[0] < 1.1)
+    ([7.0], True)
     """
 
     value: Array
@@ -109,7 +122,23 @@ def sample_points(
     Notes
     -----
     Source: AIAA 2005-5007, section III.D ("if the results are required on a given point set or on a line").
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> image = np.tile(np.arange(64.0), (48, 1))  # its grey level is its column
+    >>> places = [[0.3, 0.2, 0.01], [9.0, 0.0, 0.0]]
+    >>> taps = wm.sample_points(image, wm.Camera((64, 48), 60.0), above, plate, places, max_distance=0.05, noise=1.0)
+    >>> taps.value.round(1).tolist(), taps.words.tolist()
+    ([36.0, nan], ['', 'far'])
     """
+    check_kinds(
+        "sample_points", image=(image, ARRAY), camera=(camera, Camera), cam_from_model=(cam_from_model, Pose),
+        mesh=(mesh, Mesh), xyz=(xyz, ARRAY),
+    )  # fmt: skip
     points = nearest_on_surface(mesh, xyz, normal=normal, max_distance=max_distance)
     picture = Picture("image", np.asarray(image), camera, cam_from_model, noise, pose_cov)
     return point_values(picture, mesh, np.asarray(xyz, dtype=float), points, max_obliquity_deg=max_obliquity_deg,

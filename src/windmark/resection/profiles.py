@@ -13,6 +13,7 @@ from windmark.resection.sampling import Image, checked_image, checked_interpolat
 from windmark.resection.sections import Section, arc_lengths, at_arc, section, three_numbers
 from windmark.resection.visibility import NodeView, see_points
 from windmark.scene import Mesh
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 
@@ -86,7 +87,22 @@ def sample_line(
     ValueError
         If start and end coincide, n < 2, the plane cannot be found (surface normals along the line, or
         opposite at its ends) or misses the mesh.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> image = np.tile(np.arange(64.0), (48, 1))  # its grey level is its column
+    >>> line = wm.sample_line(image, wm.Camera((64, 48), 60.0), above, plate, [-0.9, 0, 0], [0.9, 0, 0], n=4)
+    >>> line.arc.round(2).tolist(), line.values.round(1).tolist()
+    ([0.0, 0.6, 1.2, 1.8], [18.0, 27.0, 36.0, 45.0])
     """
+    check_kinds(
+        "sample_line", image=(image, ARRAY), camera=(camera, Camera), cam_from_model=(cam_from_model, Pose),
+        mesh=(mesh, Mesh),
+    )  # fmt: skip
     pixels = checked_image(image, camera.size_px, "sample_line")
     checked_interpolation(interpolation, "sample_line")
     line = surface_line(mesh, start, end, n=n, normal=normal)

@@ -9,6 +9,7 @@ from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.resection.visibility import NodeView, see_points
 from windmark.scene import Mesh
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -90,6 +91,10 @@ def sample(
     >>> len(values) == len(test.markers)
     True
     """
+    check_kinds(
+        "sample", image=(image, ARRAY), camera=(camera, Camera), cam_from_model=(cam_from_model, Pose),
+        xyz=(xyz, ARRAY),
+    )  # fmt: skip
     pixels = checked_image(image, camera.size_px, "sample")
     view = see_points(xyz, camera, cam_from_model, mesh=mesh, tolerance=tolerance)
     return node_values(pixels, view, interpolation=interpolation)
@@ -99,7 +104,19 @@ def node_values(image: ArrayLike, view: NodeView, *, interpolation: str = "cubic
     """Values of the image on the nodes of a `NodeView`: (V,) or (V, C) float32, NaN where not visible.
 
     The view may serve many images: only this has to be done again for each frame.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> view = wm.see_nodes(plate, wm.Camera((64, 48), 60.0), above)
+    >>> frames = [np.full((48, 64), level) for level in (10.0, 20.0)]
+    >>> [wm.node_values(frame, view).tolist() for frame in frames]  # one view serves them all
+    [[10.0, 10.0, 10.0, 10.0], [20.0, 20.0, 20.0, 20.0]]
     """
+    check_kinds("node_values", image=(image, ARRAY), view=(view, NodeView))
     pixels = checked_image(image, view.size_px, "node_values")
     return _values(pixels, view.xy, view.reason, checked_interpolation(interpolation, "node_values"))
 

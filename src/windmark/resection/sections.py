@@ -13,6 +13,7 @@ from windmark.errors import UsageError
 from windmark.resection.chains import chain_segments, weld
 from windmark.resection.visibility import checked_tolerance
 from windmark.scene import Mesh
+from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
 
@@ -71,7 +72,18 @@ def section(mesh: Mesh, point: ArrayLike, normal: ArrayLike, *, spacing: float |
     ------
     ValueError
         For a zero normal or a spacing that is not positive.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> cut = wm.section(plate, [0.0, 0.5, 0.0], [0.0, 1.0, 0.0])
+    >>> sorted(cut.xyz[:, 0].tolist())  # a point at every edge of the mesh
+    [0.0, 1.0, 2.0]
+    >>> float(cut.arc[-1]), cut.closed.tolist()
+    (2.0, [False])
     """
+    check_kinds("section", mesh=(mesh, Mesh), point=(point, ARRAY), normal=(normal, ARRAY))
     origin, n = three_numbers(point, "section: point"), three_numbers(normal, "section: normal")
     if not np.linalg.norm(n) > 0:
         raise UsageError(f"section: normal must not be zero, got {n.tolist()}")

@@ -35,6 +35,16 @@ class Picture:
     camera, cam_from_model : where it was taken from
     noise : standard deviation of a pixel: one number, (H, W), or a `NoiseLaw`; None estimates the law from the picture
     pose_cov : (6, 6) covariance of the pose, ``exp(delta) @ cam_from_model``, as a `Registration` has it; None: exact
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> above = wm.Pose.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> camera = wm.Camera((64, 48), 60.0)
+    >>> picture = wm.Picture("left", np.full((48, 64), 5.0), camera, above, noise=0.5)
+    >>> picture.name, picture.image.shape == camera.size_px[::-1]
+    ('left', True)
     """
 
     name: str

@@ -12,6 +12,7 @@ from windmark.resection.reasons import FACING_AWAY, HIDDEN, OBLIQUE, VISIBLE
 from windmark.resection.sampling import Image, checked_image, node_values
 from windmark.resection.visibility import NodeView, checked_angle, hiding_tolerance, is_hidden, look
 from windmark.scene import Mesh
+from windmark.scene.shown import ARRAY, check_kinds
 
 
 def virtual_image(
@@ -58,7 +59,23 @@ def virtual_image(
     back. The image is sampled at points, not averaged over the virtual pixel: a virtual view that is
     much coarser than the image should be drawn finer and then averaged. Next to outlines of the model
     the image's own pixels mix two surfaces: blank them first with `silhouette`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> camera = wm.Camera((64, 48), 60.0)
+    >>> here, there = (wm.Pose.look_at([x, 0.0, 4.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) for x in (0.0, 1.0))
+    >>> seen_from_there = wm.map_pixels(plate, camera, there)
+    >>> picture, valid = wm.virtual_image(np.full((48, 64), 5.0), seen_from_there, camera, here)
+    >>> float(picture[24, 32]), bool(valid[0, 0])
+    (5.0, False)
     """
+    check_kinds(
+        "virtual_image", image=(image, ARRAY), pixel_map=(pixel_map, PixelMap), camera=(camera, Camera),
+        cam_from_model=(cam_from_model, Pose),
+    )  # fmt: skip
     pixels = checked_image(image, camera.size_px, "virtual_image")
     view = see_pixels(
         pixel_map, camera, cam_from_model, mesh=mesh, max_obliquity_deg=max_obliquity_deg, tolerance=tolerance

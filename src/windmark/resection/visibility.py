@@ -12,6 +12,7 @@ from windmark.geometry import Camera, Pose
 from windmark.resection.casting import cast, for_kernels, single_pose, to_camera_frame
 from windmark.resection.reasons import BLANKED, FACING_AWAY, HIDDEN, OBLIQUE, REASONS, VISIBLE
 from windmark.scene import Mesh
+from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
@@ -34,6 +35,17 @@ class NodeView:
     obliquity_deg : (V,) angle between the surface's normal and the line of sight: 0 seen squarely, 90
         edge-on, more: the normal points away. NaN where no normal is known
     size_px : (width, height) of the image that ``xy`` belongs to
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> beside = wm.Pose.look_at([1.4, 0.0, 4.0], [1.4, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> view = wm.see_nodes(plate, wm.Camera((64, 48), 60.0), beside)
+    >>> view.visible.tolist(), view.xy.round(1).tolist()
+    ([False, True, True, False], [[-4.5, 38.5], [25.5, 38.5], [25.5, 8.5], [-4.5, 8.5]])
+    >>> view.count()
+    {'visible': 2, 'blanked': 0, 'lens': 0, 'outside': 2, 'facing_away': 0, 'oblique': 0, 'hidden': 0}
     """
 
     xy: Array
@@ -114,7 +126,21 @@ def see_nodes(
     By default the orientation is trusted as `Mesh` promises it (counter-clockwise from outside). A node
     faces the camera if any of its triangles does, so a node on an edge is not lost to its mean normal;
     the obliquity is that of the mean normal (of its own block, where blocks meet).
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    >>> camera = wm.Camera((64, 48), 60.0)
+    >>> above, below = (wm.Pose.look_at([0.0, 0.0, z], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]) for z in (4.0, -4.0))
+    >>> wm.see_nodes(plate, camera, above).visible.tolist()
+    [True, True, True, True]
+    >>> wm.see_nodes(plate, camera, below).visible.tolist()  # the surface faces away
+    [False, False, False, False]
+    >>> wm.see_nodes(plate, camera, below, two_sided=True).visible.tolist()
+    [True, True, True, True]
     """
+    check_kinds("see_nodes", mesh=(mesh, Mesh), camera=(camera, Camera), cam_from_model=(cam_from_model, Pose))
     pose = single_pose(cam_from_model, "see_nodes")
     least = hiding_tolerance(tolerance, mesh, "see_nodes")
     checked_angle(max_obliquity_deg, "see_nodes")

@@ -45,6 +45,15 @@ class Detections:
     angle : (M,) direction of the first axis from x towards y, radians; NaN where not estimated
     depth : (M,) contrast to the background in grey levels, positive for the chosen polarity
     flags : (M,) bit field, see `FLAGS`
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> spots = wm.Detections.make([[10.0, 20.0], [30.0, 25.5]], sigma_px=0.05, radius_px=3.0)
+    >>> len(spots), spots.cov[0].round(6).tolist()
+    (2, [[0.0025, 0.0], [0.0, 0.0025]])
+    >>> spots.take([1]).xy.tolist()
+    [[30.0, 25.5]]
     """
 
     xy: Array
@@ -156,6 +165,15 @@ class Matching:
     detection : (K,) index into the detections
     marker : (K,) index into the marker set
     distance_px : (K,) distance between projected and detected position
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> markers = wm.MarkerSet.make(["a", "b", "c"], np.eye(3))
+    >>> matching = wm.Matching(np.array([4, 0]), np.array([0, 2]), np.array([0.03, 0.05]))
+    >>> len(matching), dict(zip(matching.detection.tolist(), markers.name[matching.marker].tolist(), strict=True))
+    (2, {4: 'a', 0: 'c'})
     """
 
     detection: Ints

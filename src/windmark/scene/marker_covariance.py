@@ -34,6 +34,17 @@ class MarkerCovariance:
     ValueError
         Where ``cov`` is no covariance, saying why: its shape, not finite, not symmetric, a variance that is not > 0
         (markers that do not move are held with `calibration.Fixed`), or a negative eigenvalue.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> markers = wm.MarkerSet.make(["a", "b", "c"], np.eye(3), sigma=1.0)
+    >>> survey = wm.MarkerCovariance(np.array(["b", "a"]), 0.01 * np.eye(6) + 0.03)  # errors that a and b share
+    >>> survey.take(["a"]).cov.shape
+    (3, 3)
+    >>> survey.on(markers).sigma[:, 0].round(6).tolist()  # of c nothing is said
+    [0.2, 0.2, 1.0]
     """
 
     name: NDArray[np.str_]

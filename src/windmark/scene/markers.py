@@ -39,6 +39,15 @@ class MarkerSet:
     length_unit : of place, sigma and radius: in, ft, mm, cm or m; "" where nothing says it
 
     Only name and xyz are needed; `MarkerSet.make` fills the rest.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> markers = wm.MarkerSet.make(["a", "b", "w"], [[0, 0, 0], [1, 0, 0], [5, 0, 0]], role=["model", "model", "wall"])
+    >>> markers.with_role("model").name.tolist()
+    ['a', 'b']
+    >>> markers.take([2]).xyz.tolist()
+    [[5.0, 0.0, 0.0]]
     """
 
     name: NDArray[np.str_]

@@ -47,6 +47,18 @@ class Mesh:
     blocks : structured blocks the vertices came from, empty for unstructured meshes
     blanked : (V,) bool, True for nodes the file marks as unused (IBLANK = 0); they are in no triangle
     length_unit : of the vertices: in, ft, mm, cm or m; "" where nothing says it
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> corners = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
+    >>> plate = wm.Mesh.make(corners, [[0, 1, 2], [0, 2, 3]], "plate")
+    >>> plate
+    Mesh(nodes=4, triangles=2, volumes=plate, unit=no unit)
+    >>> plate.triangle_normals().tolist()  # of twice the triangles' area
+    [[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]]
+    >>> plate.moved(plate.vertices + [0.0, 0.0, 0.1]).vertices[0].tolist()
+    [0.0, 0.0, 0.1]
     """
 
     vertices: Array

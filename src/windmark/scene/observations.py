@@ -13,7 +13,18 @@ from windmark.scene.shown import described
 
 @dataclass(frozen=True)
 class View:
-    """One image: which camera took it, in which frame (instant), and from where if known."""
+    """One image: which camera took it, in which frame (instant), and from where if known.
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> left = wm.View("run7_left", camera="left", frame="7")
+    >>> right = wm.View("run7_right", camera="right", frame="7")
+    >>> left.frame == right.frame  # taken at the same instant
+    True
+    >>> left.cam_from_model is None  # from where is not known yet
+    True
+    """
 
     name: str
     camera: str = "camera"
@@ -34,6 +45,16 @@ class Observations:
     point : (O,) index of the point (marker)
     xy : (O, 2) pixels
     cov : (O, 2, 2) px^2
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> view, point = np.array([0, 0, 1]), np.array([5, 7, 5])
+    >>> xy = np.array([[100.0, 80.0], [120.5, 83.0], [98.2, 79.0]])
+    >>> seen = wm.Observations(view, point, xy, np.tile(0.01 * np.eye(2), (3, 1, 1)))
+    >>> seen.xy[seen.point == 5].tolist()  # marker 5 in the two views that show it
+    [[100.0, 80.0], [98.2, 79.0]]
     """
 
     view: NDArray[np.int64]
@@ -64,6 +85,15 @@ class Tracks:
     track : (K,) id of the track
     view : (K,) index of the view
     detection : (K,) index into that view's detections
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> tracks = wm.Tracks(track=np.array([0, 0, 1]), view=np.array([0, 1, 1]), detection=np.array([3, 0, 2]))
+    >>> first = tracks.track == 0
+    >>> list(zip(tracks.view[first].tolist(), tracks.detection[first].tolist(), strict=True))
+    [(0, 3), (1, 0)]
     """
 
     track: NDArray[np.int64]

@@ -23,6 +23,7 @@ from windmark.io.cameras.own import own_content, parse_own
 from windmark.io.cameras.record import FREE, LENGTH_UNITS, CameraFile
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike, parse_json, read_text, write_json
+from windmark.scene.shown import PATH, check_kinds, optional
 
 CAMERA_FORMATS = ("windmark", "opencv", "nasa", "colmap", "mrcal", "metashape", "australis")
 """What is read; all but nasa are written, too."""
@@ -59,6 +60,16 @@ def read_camera(
     FileError
         Names the key or line: not a known format, missing or unknown key, skew, a lens with other
         terms than k1 k2 p1 p2 k3 and tilts, a matrix that is no rotation, another unit or size.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import windmark as wm
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_camera(f"{folder}/cam1.json", wm.Camera((640, 480), 800.0), wm.Pose.identity(), unit="mm")
+    ...     camera, cam_from_model = wm.read_camera(f"{folder}/cam1.json", unit="mm")
+    >>> camera.focal_px, cam_from_model.translation.tolist()
+    (800.0, [0.0, 0.0, 0.0])
     """
     if unit is not None and unit not in LENGTH_UNITS:
         raise UsageError(f"read_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
@@ -154,7 +165,19 @@ def write_camera(
         cannot hold: a pose, sensor tilts, a lens that a backward model does not fit.
     FileError
         When the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import windmark as wm
+    >>> camera = wm.Camera((640, 480), 800.0, k1=-0.1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     wm.write_camera(f"{folder}/cam1.yml", camera)  # as OpenCV keeps it
+    ...     read, pose = wm.read_camera(f"{folder}/cam1.yml")
+    >>> read.k1, pose is None
+    (-0.1, True)
     """
+    check_kinds("write_camera", path=(path, PATH), camera=(camera, Camera), pose=(pose, optional(Pose)))
     if unit is not None and unit not in (*LENGTH_UNITS, FREE):
         raise UsageError(f"write_camera: unit must be one of {', '.join(LENGTH_UNITS)}, got {unit!r}")
     if pose is not None and unit is None:

@@ -64,6 +64,19 @@ class TrackState:
     missed : frames (or time, in units of ``dt``) since the last good one
     prepared : markers and camera
     bends : evidence of the frames so far (nats) that the model bends
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> rng = np.random.default_rng(1)
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(20)], rng.uniform(-1.0, 1.0, (20, 3)) * [2.0, 1.0, 0.2])
+    >>> camera, pose = wm.Camera((640, 480), 800.0), wm.Pose.look_at([0.5, 0.3, 6.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    >>> spots = wm.Detections.make(camera.project(pose.apply(markers.xyz))[0].round(1))
+    >>> _, state = wm.track(None, spots, markers, camera)
+    >>> _, dark = wm.track(state, spots.take([]), markers, camera)  # a frame that shows nothing
+    >>> state.status, dark.status, dark.n_frames, dark.missed
+    ('cold', 'lost', 1, 1.0)
     """
 
     status: Status

@@ -17,6 +17,7 @@ from windmark.registration.result import NotRegistered, Registration
 from windmark.registration.task import Limits
 from windmark.registration.track.state import Motion, Status, TrackState
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.shown import check_kinds, optional
 
 if TYPE_CHECKING:
     from windmark.registration.search.layout import Layout
@@ -86,7 +87,27 @@ def track(
     ------
     ValueError
         For options out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> rng = np.random.default_rng(1)
+    >>> markers = wm.MarkerSet.make([f"m{i}" for i in range(20)], rng.uniform(-1.0, 1.0, (20, 3)) * [2.0, 1.0, 0.2])
+    >>> camera, state = wm.Camera((640, 480), 800.0), None
+    >>> for x in (0.50, 0.52, 0.54):
+    ...     pose = wm.Pose.look_at([x, 0.3, 6.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    ...     spots = wm.Detections.make(camera.project(pose.apply(markers.xyz))[0].round(1))
+    ...     answer, state = wm.track(state, spots, markers, camera)
+    ...     print(state.status, len(answer.matching))
+    cold 20
+    tracked 20
+    tracked 20
     """
+    check_kinds(
+        "track", previous=(previous, optional(TrackState)), detections=(detections, Detections),
+        markers=(markers, MarkerSet), camera=(camera, Camera),
+    )  # fmt: skip
     if not (math.isfinite(dt) and dt > 0):
         raise UsageError(f"track: dt must be > 0 and finite, got {dt}")
     if not (math.isfinite(least_density) and least_density >= 0):

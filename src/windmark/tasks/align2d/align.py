@@ -71,6 +71,18 @@ def align_images(
     -----
     Source: AIAA 2005-5007, section III.A; held-out marks as the judge: Bell, NTRS 20020034950. The folds of a
     polynomial far from the markers show nothing (NaN).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> wind_off = wm.synth.marker_scene(1, size_px=(160, 120), markers=12).image
+    >>> wind_on = np.roll(wind_off, (2, 3), axis=(0, 1))  # 3 px to the right, 2 px down
+    >>> aligned = wm.align_images(wind_on, wind_off)
+    >>> aligned.kind, aligned.shift_px.mean(axis=0).round(1).tolist()
+    ('similarity', [3.0, 2.0])
+    >>> bool(np.nanmedian(abs(aligned.image - wind_off)) < 1.0)  # grey levels
+    True
     """
     check_options(kind, max_shift_px)
     picture, base = np.asarray(image), np.asarray(reference)

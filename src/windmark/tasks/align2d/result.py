@@ -48,6 +48,17 @@ class ImageAlignment:
     log10_nfa : false-alarm number of the matching, decimal logarithm; NaN where the pairs were given
     rival : (pairs, sigma_px) of the best matching with other pairs; None where none came near
     options : everything it was made with, by name
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> wind_off = wm.synth.marker_scene(1, size_px=(160, 120), markers=12).image
+    >>> aligned = wm.align_images(np.roll(wind_off, (2, 3), axis=(0, 1)), wind_off)
+    >>> aligned.image.shape == wind_off.shape, len(aligned.pairs), aligned.rms_px < 0.05
+    (True, 12, True)
+    >>> bool(abs(aligned.held_out).max() < 0.1)  # pixels by which each marker is missed without its own help
+    True
     """
 
     image: NDArray[np.float32]
@@ -137,6 +148,15 @@ class NotAligned:
     log10_nfa : its false-alarm number
     reference_spots, image_spots : the markers found, None where it did not come so far
     options : everything it was made with, by name
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> bare = np.full((80, 100), 120, dtype=np.uint8)
+    >>> answer = wm.align_images(bare, bare)
+    >>> bool(answer), answer.cause
+    (False, 'no_spots')
     """
 
     reason: str

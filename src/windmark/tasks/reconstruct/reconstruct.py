@@ -14,6 +14,7 @@ from windmark.calibration import Calibration, Distance
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Tracks, View
+from windmark.scene.shown import by_name, check_kinds, list_of, optional
 from windmark.tasks.reconstruct.again import Answers, asked_again
 from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, off_their_table, radii_differ
 from windmark.tasks.reconstruct.focal import refuse_gross
@@ -86,7 +87,25 @@ def reconstruct(
     ------
     ValueError
         For arguments that do not fit together.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> xyz = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 3)) * [2.0, 1.5, 0.2]
+    >>> camera, eyes = wm.Camera((640, 480), 800.0), [(-1, 0, 6), (1, 0, 6), (0, 1, 6)]
+    >>> poses = [wm.Pose.look_at(eye, [0, 0, 0], [0, 1, 0]) for eye in eyes]
+    >>> spots = [wm.Detections.make(camera.project(pose.apply(xyz))[0].round(2), sigma_px=0.01) for pose in poses]
+    >>> known = wm.MarkerSet.make(["a", "b", "c", "d", "e", "f"], xyz[:6], role="primary")
+    >>> views = [wm.View(f"view{i}", cam_from_model=pose) for i, pose in enumerate(poses)]
+    >>> found = wm.reconstruct(spots, camera, known, views=views)  # nothing says which spot is which marker
+    >>> bool(found), len(found.markers), set(known.name) <= set(found.markers.name)
+    (True, 20, True)
     """
+    check_kinds(
+        "reconstruct", detections=(detections, list_of(Detections)), cameras=(cameras, by_name(Camera)),
+        primary=(primary, optional(MarkerSet)),
+    )  # fmt: skip
     task = Task.checked(detections, cameras, primary, views, labels, free, seed, model_px, primary_cov)
     options: dict[str, Any] = {
         "free": tuple(free), "model_px": model_px, "seed": seed, "rough": rough is not None,

@@ -70,6 +70,23 @@ class Reconstruction:
     unrecognised : why primaries have no marker, by name
     open_spots : of two pictures: spots, by the picture, that have possible partners in the other one, none of which
         stands out; they are in no track
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> xyz = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 3)) * [2.0, 1.5, 0.2]
+    >>> camera, eyes = wm.Camera((640, 480), 800.0), [(-1, 0, 6), (1, 0, 6), (0, 1, 6)]
+    >>> poses = [wm.Pose.look_at(eye, [0, 0, 0], [0, 1, 0]) for eye in eyes]
+    >>> spots = [wm.Detections.make(camera.project(pose.apply(xyz))[0].round(2), sigma_px=0.01) for pose in poses]
+    >>> known = wm.MarkerSet.make(["a", "b", "c", "d", "e", "f"], xyz[:6], role="primary")
+    >>> views = [wm.View(f"view{i}", cam_from_model=pose) for i, pose in enumerate(poses)]
+    >>> found = wm.reconstruct(spots, camera, known, views=views)
+    >>> found.count.tolist() == [3] * 20, found.rms_px < 0.02  # each marker is in all three pictures
+    (True, True)
+    >>> first = found.tracks.view == 0  # the spots of the first picture and their markers
+    >>> np.allclose(found.markers.xyz[found.tracks.track[first]], xyz[found.tracks.detection[first]], atol=1e-3)
+    True
     """
 
     markers: MarkerSet
@@ -119,6 +136,16 @@ class NotReconstructed:
     cause : one of `CAUSES`
     dropped : why views did not take part, by name
     options : everything it was made with, by name
+
+    Examples
+    --------
+    >>> import windmark as wm
+    >>> spots = wm.Detections.make([[100.0, 100.0], [200.0, 100.0], [150.0, 200.0]])
+    >>> answer = wm.reconstruct([spots, spots], wm.Camera((640, 480), 800.0), None)
+    >>> bool(answer), answer.cause
+    (False, 'too_few')
+    >>> answer.dropped["0"]
+    '3 spots, at least 8 are needed'
     """
 
     reason: str
