@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from windmark.app import web
 from windmark.app.alone import alone
 from windmark.app.packing import packed_text
+from windmark.app.wording import setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -171,7 +172,7 @@ class Report:
         self.heading("Files beside this report")
         self.table(["file", "content"], files)
         self.heading("Options and times")
-        self.table(["option", "value"], [(k, str(v)) for k, v in options.items()])
+        self.table(["option", "value"], [(k, setting(v)) for k, v in options.items()])
         self.table(["stage", "s"], list(seconds.items()))
         self.side_by_side(2)
 
