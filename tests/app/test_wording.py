@@ -3,6 +3,7 @@
 import pytest
 
 from windmark.app.wording import named, setting
+from windmark.calibration import Weighted
 
 
 @pytest.mark.parametrize(
@@ -20,7 +21,9 @@ def test_a_name_is_words_with_its_unit(name, said):
     ("value", "said"),
     [
         (None, "–"), ((), "–"), (True, "yes"), (False, "no"), ((3.0,), "3"), (("bowl", "template"), "bowl, template"),
-        (0.1 + 0.2, "0.3"), (12345678.0, "12345678"), ({"a": (1.0, 2.5)}, "a: 1, 2.5"), (0, "0"),
+        (0.1 + 0.2, "0.3"), (1234567.0, "1234567"), ({"a": (1.0, 2.5)}, "a: 1, 2.5"), (0, "0"),
+        ({}, "–"), ([f"c{k}" for k in range(20)], "20: c0, c1 ... c19"),
+        (Weighted(["a", "b"], 0.0024121778), "weighted (markers: a, b, sigma: 0.002412178)"),
     ],
 )  # fmt: skip
 def test_a_value_is_no_python(value, said):

@@ -17,7 +17,7 @@ from windmark.app.deform_film import deformation_size, film, magnification, magn
 from windmark.app.deform_pictures import compared_picture
 from windmark.app.deform_scene import deform_scene
 from windmark.app.pictures import png, surface_picture
-from windmark.app.report import Report
+from windmark.app.report import Report, measured
 from windmark.errors import g2, g3
 from windmark.pipeline.deform import Loaded, Sequence
 from windmark.pipeline.deform.record import DOUBTFUL, MOTION
@@ -162,14 +162,15 @@ def _tables(report: Report, loaded: Loaded, sequence: Sequence) -> None:
     head = ["frame", "status", "spots", "out", "doubtful", "RMS px", "sigma0", *laws,
             *(f"{m.removesuffix('_deg')} {'°' if m.endswith('_deg') else unit}" for m in MOTION), "reason"]  # fmt: skip
     report.table(head, [
-        [r.key, r.status, r.spots, r.outliers, len(r.doubtful), r.rms_px, r.sigma0, *map(_plain, r.q),
-         *map(_plain, r.motion), r.reason]
+        [r.key, r.status, r.spots, r.outliers, len(r.doubtful), r.rms_px, r.sigma0, *_earned(r.q, r.q_sigma),
+         *_earned(r.motion, r.motion_sigma), r.reason]
         for r in sequence.records
     ], scroll=True)  # fmt: skip
 
 
-def _plain(value: float) -> str:
-    return "–" if value != value else f"{value:.4f}"
+def _earned(values: Array, sigmas: Array) -> list[str]:
+    """Numbers with the digits that their sigmas earn them."""
+    return [measured(v, s)[0] for v, s in zip(values, sigmas, strict=True)]
 
 
 def _files(report: Report, folder: Path) -> None:

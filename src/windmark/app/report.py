@@ -223,7 +223,13 @@ def measured(value: float, sigma: float, sign: str = "") -> tuple[str, str]:
     if not math.isfinite(value):
         return "–", "–"
     digits = earned_decimals([sigma])
-    return f"{value:{sign}.{digits}f}", f"{sigma:.{digits}f}"
+    return f"{value:{sign}.{digits}f}", f"{sigma:.{digits}f}" if sigma > 0 else "–"
+
+
+def measured_rows(values: Iterable[Iterable[float]], sigmas: Iterable[Iterable[float]]) -> list[tuple[str, ...]]:
+    """`measured` of rows of several numbers each: the numbers, then their sigmas."""
+    pairs = [[measured(v, s) for v, s in zip(*row, strict=True)] for row in zip(values, sigmas, strict=True)]
+    return [(*(value for value, _ in row), *(sigma for _, sigma in row)) for row in pairs]
 
 
 def cell(value: Any) -> str:

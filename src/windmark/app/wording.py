@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 UNITS = {"px": "px", "deg": "°", "percent": "%", "s": "s", "ms": "ms", "mm": "mm"}
 """Endings of names that are units."""
+MANY = 12
+"""Of a list with more entries the first and the last ones are shown."""
 TERMS = {
     "rms": "RMS", "crlb": "Cramér–Rao bound", "r0": "reference radius", "nfa": "false-alarm number", "x": "along x",
     "y": "along y", "two": "2", "missed": "not found", "found": "of those found",
@@ -24,12 +27,17 @@ def named(name: str) -> str:
 
 def setting(value: Any) -> str:
     """The value of a setting; nothing given is a dash."""
-    if value is None or value == "" or (isinstance(value, list | tuple) and not value):
+    if value is None or (isinstance(value, str | list | tuple | dict) and not value):
         return "–"
+    if is_dataclass(value) and not isinstance(value, type):  # such as the datum of a calibration
+        given = {f.name: getattr(value, f.name) for f in fields(value) if getattr(value, f.name) is not None}
+        return type(value).__name__.lower() + (f" ({setting(given)})" if given else "")
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
+        if len(value) > MANY:
+            return f"{len(value)}: {setting(value[0])}, {setting(value[1])} ... {setting(value[-1])}"
         return ", ".join(map(setting, value))
     if isinstance(value, dict):
         return ", ".join(f"{key}: {setting(one)}" for key, one in value.items())
-    return f"{value:.10g}" if isinstance(value, float) else str(value)
+    return f"{value:.7g}" if isinstance(value, float) else str(value)
