@@ -37,6 +37,7 @@ def test_rows_of_numbers_have_the_digits_that_their_sigmas_earn():
                          [[2.1e-05, 0.0025, 0.0], [0.02, 300.0, 1.0]])  # fmt: skip
     assert rows == [("1.000420", "0.0309", "-2.0000", "0.000021", "0.0025", "–"),
                     ("0.500", "1", "–", "0.020", "300", "–")]  # fmt: skip
+    assert measured(0.23733, 0.000997) == ("0.2373", "0.0010")
 
 
 def test_heads_stand_over_their_cells():

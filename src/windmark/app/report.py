@@ -215,7 +215,8 @@ def _of_words(column: Sequence[Any]) -> bool:
 def earned_decimals(sigmas: Iterable[float]) -> int:
     """Decimals that numbers with these sigmas have earned: two digits of the least; 4 where none is known."""
     known = [s for s in sigmas if 0 < s < math.inf]
-    return min(max(1 - math.floor(math.log10(min(known))), 0), 9) if known else 4
+    # The power of ten of the rounded sigma: 0.000997 is 0.0010, not 0.00100.
+    return min(max(1 - int(f"{min(known):.1e}".partition("e")[2]), 0), 9) if known else 4
 
 
 def measured(value: float, sigma: float, sign: str = "") -> tuple[str, str]:
