@@ -76,10 +76,10 @@ def bending(made_once):
 @pytest.fixture(scope="module")
 def small_film():
     """Small films for all of a module, where those of its fixtures are compared to the byte with its tests' own."""
-    from windmark.app import deform_report
+    from windmark.app import deform_film
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(deform_report, "FILM_SIZE", SMALL_FILM_PX)
+        patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)
         yield
 
 
@@ -88,13 +88,13 @@ def undrawn():
     """Reports without scenes, with blank pictures and small films, for tests of the numbers: a third of their time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from windmark.app import deform_report
+    from windmark.app import deform_film
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(FigureCanvasAgg, "draw", FigureCanvasAgg.get_renderer)
         patch.setattr(Report, "drawing", lambda *_, **__: None)
         patch.setattr(Report, "scene", lambda *_, **__: None)
-        patch.setattr(deform_report, "FILM_SIZE", SMALL_FILM_PX)
+        patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)
         yield
 
 

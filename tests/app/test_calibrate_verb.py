@@ -294,6 +294,20 @@ def test_the_papers_steps_end_where_newton_does(windmark, tmp_path):
     assert call(windmark, tmp_path, "--datum", "free", "--solver", "magic").code == 2
 
 
+def test_values_of_the_report_are_rounded_by_their_sigmas(windmark, plate, undrawn):
+    _, _, folder = plate
+    assert call(windmark, folder, "--datum", "free").code == 0
+    page = (folder / "out" / "report.html").read_text()
+    rows = [re.findall("<td[^>]*>(.*?)</td>", row) for row in page.split("<tr>")]
+    camera = {row[0]: (row[2], row[3]) for row in rows if len(row) == 6 and row[5] != "not free"}
+    assert {"focal_px", "aspect", "k1"} <= set(camera)
+    markers = {row[0]: row for row in rows if len(row) == 8 and re.fullmatch("m[0-9]+", row[0])}
+    assert len(markers) == 40
+    for value, sigma in [*camera.values(), *((row[k], row[k + 3]) for row in markers.values() for k in (1, 2, 3))]:
+        assert len(value.partition(".")[2]) == len(sigma.partition(".")[2]), (value, sigma)
+        assert len(sigma.replace(".", "").lstrip("0")) == 2, sigma
+
+
 def test_without_its_pictures_the_calibration_is_there(windmark, plate, no_pictures):
     _, _, folder = plate
     done = call(windmark, folder, "--datum", "free", "--json")

@@ -4,14 +4,16 @@ import csv
 import shutil
 import threading
 import time
+import xml.etree.ElementTree as ET
 from types import SimpleNamespace
 
+import imageio.v3
 import numpy as np
 import pytest
 import xarray
 
 from windmark import io
-from windmark.app import deform_verb
+from windmark.app import deform_film, deform_verb
 from windmark.geometry import Pose
 
 FRAMES = 6
@@ -89,8 +91,37 @@ def test_all_files_agree(made, done):
     assert (folder / "deformation.gif").stat().st_size > 10_000
     assert "Values on the deformed grid" in page
     assert b"ratio_cam1" in (folder / "grid" / "4.vtp").read_bytes()
+    steps = ET.parse(folder / "grid.pvd").getroot().findall("Collection/DataSet")
+    assert [s.get("file") for s in steps] == [f"grid/{k}.vtp" for k in range(FRAMES)]
+    assert [float(s.get("timestep")) for s in steps] == pytest.approx(np.arange(FRAMES) / 50)
     moved, rest = io.read_mesh(folder / "grid" / "0.vtp"), io.read_mesh(made / "model.grid")
     assert len(moved.vertices) == len(rest.vertices)
+
+
+def test_the_film_has_its_scale_and_the_model_at_rest(made, done):
+    images = imageio.v3.imread(made / "deformation" / "deformation.gif").astype(int)
+    width = deform_film.FILM_SIZE[0]
+    strip = images[0][:, width:]
+    assert len(np.unique(strip.reshape(-1, 3), axis=0)) > 20, "the colours of the scale"
+    assert (images[:, deform_film.CAPTION_PX:, width:] == strip[deform_film.CAPTION_PX:]).mean() > 0.9, "one for all"
+    pale = np.abs(images[:, :, :width] - 255 * deform_film.GHOST).max(axis=3) < 3
+    assert pale[-1].sum() > 1000, "beside the bent wing"
+    assert pale[0].sum() < 0.1 * pale[-1].sum(), "behind the wing at rest"
+
+
+def test_the_outline_of_what_the_frame_cuts_off_is_closed():
+    shade = np.full((5, 6), np.nan, dtype=np.float32)
+    shade[1:4, 2:] = 1.0
+    ghost = deform_film.ghost_of(shade)
+    assert (ghost[0] == 1.0).all()
+    assert (ghost[2] == [1.0, 1.0, deform_film.OUTLINE, *[deform_film.GHOST] * 2, deform_film.OUTLINE]).all()
+    assert (ghost[1, 2:] == deform_film.OUTLINE).all()
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1, "frame 3, 0.06 s: deformation"),
+                                              (7, "frame 3, 0.06 s: deformation, drawn 7 times as large")])  # fmt: skip
+def test_the_film_says_how_many_times_as_large_it_draws(factor, said):
+    assert deform_film.caption(SimpleNamespace(key="3", time_s=0.06), factor) == said
 
 
 def test_taps_move_with_the_wing_and_have_values(made, done):

@@ -9,7 +9,7 @@ import pytest
 
 from windmark.app import pictures, run_report
 from windmark.app.provenance import told
-from windmark.app.report import Report, cell, earned_decimals, measured
+from windmark.app.report import Report, cell, earned_decimals, measured, measured_rows
 from windmark.app.svg import ticks
 
 
@@ -30,6 +30,14 @@ def test_text_is_escaped_everywhere():
 )
 def test_cells(value, text):
     assert cell(value) == text
+
+
+def test_rows_of_numbers_have_the_digits_that_their_sigmas_earn():
+    rows = measured_rows([[1.00042, 0.0309356, -2.0], [0.5, 1.0, float("nan")]],
+                         [[2.1e-05, 0.0025, 0.0], [0.02, 300.0, 1.0]])  # fmt: skip
+    assert rows == [("1.000420", "0.0309", "-2.0000", "0.000021", "0.0025", "–"),
+                    ("0.500", "1", "–", "0.020", "300", "–")]  # fmt: skip
+    assert measured(0.23733, 0.000997) == ("0.2373", "0.0010")
 
 
 def test_heads_stand_over_their_cells():

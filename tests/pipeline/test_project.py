@@ -155,6 +155,16 @@ def test_binding_is_for_labels(write):
 
 
 @pytest.mark.parametrize(
+    ("value", "words"),
+    [("5", "expected a path, as text in quotes, got 5"), ("true", "expected a path, as text in quotes, got true")],
+)
+def test_what_is_no_path_is_said_without_words_of_python(write, value, words):
+    with pytest.raises(FileError) as error:
+        read_project(write(GOOD.replace('"camera.json"', value)))
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("a = " + "[" * 2000 + "]" * 2000, "is nested too deeply"),

@@ -16,7 +16,7 @@ from windmark.app import space_pictures as space
 from windmark.app.lens_pictures import correction_picture, distortion_picture, residual_map_picture, visible_factor
 from windmark.app.network_scene import network_scene
 from windmark.app.pictures import png
-from windmark.app.report import Report
+from windmark.app.report import Report, measured, measured_rows
 from windmark.calibration import Calibration, NotCalibrated, magnify_distortion, undistort
 from windmark.calibration.lens_choice import lens_words
 from windmark.calibration.quality import Comparison, SplitHalf, residual_map
@@ -125,8 +125,9 @@ def add_camera(report: Report, result: Calibration, name: str) -> None:
         t = abs(value) / sigma if sigma > 0 and p in TESTED else None
         verdict = "" if t is None else "significant" if t > SIGNIFICANT else "not significant"
         state = verdict if sigma > 0 else "not free"
-        shown = f"{value:.3f}" if p in ("focal_px", "cx", "cy") else f"{value:.6g}"
-        rows.append((p, UNITS.get(p, "–"), shown, sigma if sigma > 0 else None, t, state))
+        # What is not free is what was given, with all the digits that it has.
+        shown, sigma_shown = measured(value, sigma) if sigma > 0 else (f"{value:.8g}", "–")
+        rows.append((p, UNITS.get(p, "–"), shown, sigma_shown, t, state))
     report.table(["parameter", "unit", "value", "1 sigma", "|value| / sigma", ""], rows)
     lens = {"brown": "", "rational": "Rational lens. ", "fisheye": "Fisheye lens; focal length in pixels per radian. "}
     report.text(f"{lens[camera.lens]}Image {camera.size_px[0]} x {camera.size_px[1]} px, horizontal field of view "
@@ -192,7 +193,8 @@ def _rig(report: Report, result: Calibration, unit: str) -> None:
     first = next(iter(result.cam_from_rig))
     report.table(
         ["camera", f"from {first}, {unit}", "1 sigma", "turned by, deg", "1 sigma"],
-        [(b.camera, f"{b.distance:.4f}", b.distance_sigma, f"{b.angle_deg:.5f}", b.angle_sigma_deg) for b in others],
+        [(b.camera, *measured(b.distance, b.distance_sigma), *measured(b.angle_deg, b.angle_sigma_deg))
+         for b in others],
     )
 
 
@@ -211,7 +213,7 @@ def _halves(report: Report, halves: SplitHalf | NotCalibrated, unit: str) -> Non
                          "model misses something, or the model moved." if optimistic else " say."),
                 "bad" if optimistic else "good")  # fmt: skip
     rows = [
-        (name, p, float(d), float(s), float(abs(d) / s) if s > 0 else None)
+        (name, p, *measured(float(d), float(s)), float(abs(d) / s) if s > 0 else None)
         for name, change in halves.change.items()
         for p, (d, s) in change.items()
     ]
@@ -287,11 +289,11 @@ def add_space(report: Report, result: Calibration, unit: str) -> None:
         if draw is not space.markers_picture or result.marker_cov.any():
             report.drawing(what, partial(draw, result, unit), caption, dpi=88)
     table, seen = result.markers, views_seen(result)
+    digits = measured_rows(table.xyz, table.sigma)
     report.table(
         ["marker", f"x, {unit}", "y", "z", f"sigma x, {unit}", "sigma y", "sigma z", "views"],
         [
-            (str(table.name[k]), *(f"{v:.4f}" for v in table.xyz[k]), *(float(s) for s in table.sigma[k]), int(seen[k]))
-            for k in range(len(table))
+            (str(table.name[k]), *digits[k], int(seen[k])) for k in range(len(table))
         ],
         scroll=True,
     )  # fmt: skip
@@ -302,7 +304,10 @@ def add_space(report: Report, result: Calibration, unit: str) -> None:
              "rms_px": "RMS px", "focal_change": "focal change"}  # fmt: skip
     keys = [k for k in keys if k not in ("focal_change", "frame", "rx_deg", "ry_deg", "rz_deg")
             or (k == "focal_change" and result.focal_change.any())]  # fmt: skip
-    rows = zip(*(columns[k].tolist() for k in keys), strict=True)
+    station = measured_rows(*(np.stack([columns[f"{of}{a}"] for a in "xyz"], axis=1) for of in ("", "sigma_")))
+    said = dict(zip([*"xyz", *(f"sigma_{a}" for a in "xyz")], zip(*station, strict=True), strict=True))
+    said |= {k: [measured(v, v)[1] for v in columns[k]] for k in keys if k.startswith("sigma_cam_")}
+    rows = zip(*(said.get(k, columns[k].tolist()) for k in keys), strict=True)
     report.table([names.get(k, k) for k in keys], rows, scroll=True)
     report.text("Sigma of x, y, z: of the station in the model's frame; of rx, ry, rz: of a turn about the "
                 "camera's own "

@@ -248,8 +248,12 @@ def command_line(app: Callable[..., Any], as_json: bool) -> int:
     except ClickException as error:
         error.message = _with_what_was_given(error)
         if as_json:
+            from windmark.pipeline.verdict.errors import usage_verdict
+
+            said = error.format_message()
+            command = getattr(getattr(error, "ctx", None), "command_path", "windmark")
             with suppress(OSError):
-                typer.echo(_printable(json.dumps({"error": error.format_message()})))
+                typer.echo(_printable(json.dumps({"error": said, "verdict": usage_verdict(said, command).record()})))
         error.show()
         return int(error.exit_code)
     except typer.Abort:

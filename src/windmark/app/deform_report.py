@@ -8,31 +8,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import windmark
-from windmark import io
 from windmark.app.deform_curves import history_picture, parameter_picture, span_picture, spectrum_picture
+from windmark.app.deform_film import deformation_size, film, magnification, magnified, used_nodes, view_of
 from windmark.app.deform_pictures import compared_picture
 from windmark.app.deform_scene import deform_scene
 from windmark.app.pictures import png, surface_picture
-from windmark.app.report import Report
-from windmark.deformation import Deformation, vertex_volumes
-from windmark.errors import g1, g2, g3
+from windmark.app.report import Report, measured
+from windmark.errors import g2, g3
 from windmark.pipeline.deform import Loaded, Sequence
 from windmark.pipeline.deform.record import DOUBTFUL, MOTION
 from windmark.pipeline.surface import surface_view
-from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 
-FILM_FRAMES, FILM_SIZE, CAPTION_PX = 48, (720, 480), 40
 SHOWN_DOUBTFUL = 12
 SHOWN_FEW = 200
-VISIBLE_PART = 0.12
-"""The film magnifies so that the largest deformation is this part of the model."""
 WORDS = {
     "cold": "found without help", "tracked": "followed from the frame before", "lost": "no deformation, see the reason",
     "misfit": "laws or table do not explain it, see the reason; its sigmas contain what is left",
@@ -168,14 +162,15 @@ def _tables(report: Report, loaded: Loaded, sequence: Sequence) -> None:
     head = ["frame", "status", "spots", "out", "doubtful", "RMS px", "sigma0", *laws,
             *(f"{m.removesuffix('_deg')} {'°' if m.endswith('_deg') else unit}" for m in MOTION), "reason"]  # fmt: skip
     report.table(head, [
-        [r.key, r.status, r.spots, r.outliers, len(r.doubtful), r.rms_px, r.sigma0, *map(_plain, r.q),
-         *map(_plain, r.motion), r.reason]
+        [r.key, r.status, r.spots, r.outliers, len(r.doubtful), r.rms_px, r.sigma0, *_earned(r.q, r.q_sigma),
+         *_earned(r.motion, r.motion_sigma), r.reason]
         for r in sequence.records
     ], scroll=True)  # fmt: skip
 
 
-def _plain(value: float) -> str:
-    return "–" if value != value else f"{value:.4f}"
+def _earned(values: Array, sigmas: Array) -> list[str]:
+    """Numbers with the digits that their sigmas earn them."""
+    return [measured(v, s)[0] for v, s in zip(values, sigmas, strict=True)]
 
 
 def _files(report: Report, folder: Path) -> None:
@@ -187,6 +182,7 @@ def _files(report: Report, folder: Path) -> None:
         "deformation.nc": "all of it over frames, NetCDF-4",
         "units.json": "units of the columns",
         "grid": "the deformed grid of single frames",
+        "grid.pvd": "these for ParaView, all at their times",
         "deformation.gif": "the film",
         "summary.json": "the figures of this page",
     }
@@ -232,97 +228,8 @@ def surface_figure(loaded: Loaded, sequence: Sequence) -> Figure | None:
         return None
     row, state = max(sequence.film, key=lambda kept: float(np.nanmax(np.abs(kept[0].bending), initial=0.0)))
     size = deformation_size(mesh, state, sequence.zero)
-    direction, up = _view(loaded)
+    direction, up = view_of(loaded)
     moved = magnified(mesh, state, sequence.zero, 1.0)
-    shown = surface_view(moved, size, direction=direction, up=up, focus=moved.vertices[_used(mesh)])
+    shown = surface_view(moved, size, direction=direction, up=up, focus=moved.vertices[used_nodes(mesh)])
     label = f"deformation, {loaded.project.length_unit}"
     return surface_picture(shown.value, shown.shade, f"Frame {row.key}: deformation of the grid", label)
-
-
-def _view(loaded: Loaded) -> tuple[Array, Array]:
-    """Between the cameras, a little from the front."""
-    poses = [s.cam_from_tunnel for s in loaded.test.stations]
-    ahead = np.mean([p.rotation[2] for p in poses], axis=0)
-    up = -poses[0].rotation[1]
-    direction = ahead / np.linalg.norm(ahead) + 0.9 * up
-    return direction / np.linalg.norm(direction), up
-
-
-def _used(mesh: Mesh) -> NDArray[np.int64]:
-    """Nodes of the wanted volumes, some of them: enough to frame a picture."""
-    return np.asarray(mesh.used[::5])
-
-
-def _extent(mesh: Mesh) -> float:
-    return float(np.linalg.norm(np.ptp(mesh.vertices[_used(mesh)], axis=0)))
-
-
-def magnified(mesh: Mesh, state: Deformation, zero: Any, factor: float) -> Mesh:
-    """The grid with its deformation since the zero, rigid motion removed, magnified."""
-    return mesh.moved(mesh.vertices + factor * _change(mesh, state, zero))
-
-
-def deformation_size(mesh: Mesh, state: Deformation, zero: Any) -> Array:
-    """(V,) length of the deformation since the zero."""
-    return np.asarray(np.linalg.norm(_change(mesh, state, zero), axis=1))
-
-
-def _change(mesh: Mesh, state: Deformation, zero: Any) -> Array:
-    bound = state.volumes.bind(mesh.vertices, vertex_volumes(mesh))
-    rest = mesh.vertices if zero is None else bound.place(zero.q)
-    return np.asarray(bound.place(state.q) - rest)
-
-
-def magnification(loaded: Loaded, sequence: Sequence) -> float:
-    """By how much the deformation is drawn larger at first."""
-    assert loaded.mesh is not None
-    sizes = [float(deformation_size(loaded.mesh, state, sequence.zero)[loaded.mesh.used].max())
-             for _, state in sequence.film]  # fmt: skip
-    return _factor(loaded, loaded.mesh, max(sizes))
-
-
-def _factor(loaded: Loaded, mesh: Mesh, largest: float) -> float:
-    """A round factor by which the largest deformation is plainly seen; the project's own where it has one."""
-    seen = float(f"{g1(max(VISIBLE_PART * _extent(mesh) / max(largest, 1e-12), 1.0))}")
-    return min(loaded.project.output.magnify or seen, 1e3)
-
-
-def film(loaded: Loaded, sequence: Sequence, path: Path) -> None:
-    """The deforming grid as an animated GIF, deformation magnified; nothing without a grid."""
-    mesh = loaded.mesh
-    if mesh is None:
-        return
-    import imageio.v3 as iio
-
-    step = -(-len(sequence.film) // FILM_FRAMES)
-    kept = sequence.film[::step]
-    sizes = [deformation_size(mesh, state, sequence.zero) for _, state in kept]
-    largest = max(float(s.max()) for s in sizes)
-    factor = _factor(loaded, mesh, largest)
-    direction, up = _view(loaded)
-    used = _used(mesh)
-    # What is in view is decided by the least and the most deformed frame.
-    ends = [kept[int(np.argmin([s.max() for s in sizes]))][1], kept[int(np.argmax([s.max() for s in sizes]))][1]]
-    focus = np.concatenate([magnified(mesh, state, sequence.zero, factor).vertices[used] for state in ends])
-    images = []
-    for (row, state), size in zip(kept, sizes, strict=True):
-        moved = magnified(mesh, state, sequence.zero, factor)
-        shown = surface_view(moved, size, direction=direction, up=up, focus=focus, size_px=FILM_SIZE)
-        images.append(_drawn(shown.value, shown.shade, largest, f"frame {row.key}   deformation x {factor:g}"))
-    # Made in memory: on a full disk imageio's writer tries once more while Python takes it away, with a traceback.
-    content = iio.imwrite("<bytes>", np.stack(images), extension=".gif", duration=100, loop=0)
-    with io.atomic_write(path, "wb") as stream:
-        stream.write(content)
-
-
-def _drawn(value: NDArray[np.float32], shade: NDArray[np.float32], largest: float, text: str) -> NDArray[np.uint8]:
-    """One picture of the film: colour from none to the largest deformation, with a caption."""
-    from PIL import Image, ImageDraw
-
-    colours = colormaps["viridis"](np.nan_to_num(value) / max(largest, 1e-12))[..., :3]
-    light = np.nan_to_num(shade, nan=1.0)[..., None]
-    picture = np.where(np.isfinite(shade)[..., None], colours * (0.5 + 0.5 * light), 1.0)
-    picture = np.concatenate([np.ones((CAPTION_PX, *picture.shape[1:])), picture])
-    image = Image.fromarray((255 * np.clip(picture, 0, 1)).astype(np.uint8))
-    ImageDraw.Draw(image).text((12, 10), text, fill=(28, 36, 48), font_size=18)
-    return np.asarray(image)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 import windmark
 from windmark.app.report import Report
 from windmark.app.sphere_maps import Disc, discs, draw_map
+from windmark.app.wording import named, setting
 from windmark.errors import g2
 from windmark.tasks.marker_check import Change, MarkerCheck
 from windmark.tasks.marker_check.campaign import OUTCOMES
@@ -283,9 +284,10 @@ def check_page(check: MarkerCheck, name: str, place: Path) -> Report:
     _symmetries(report, check)
     report.heading("Directions")
     columns = check.columns()
-    report.table(list(columns), zip(*(np.asarray(v).tolist() for v in columns.values()), strict=True), scroll=True)
+    rows = zip(*(np.asarray(v).tolist() for v in columns.values()), strict=True)
+    report.table([named(key) for key in columns], rows, scroll=True)
     report.heading("Assumptions")
-    report.table(["assumption", "value"], [[k, str(v)] for k, v in check.record()["settings"].items()])
+    report.table(["assumption", "value"], [[named(k), setting(v)] for k, v in check.record()["settings"].items()])
     return report
 
 

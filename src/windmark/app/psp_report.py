@@ -13,7 +13,7 @@ import windmark
 from windmark import io
 from windmark.app.psp_pictures import cp_map, loads_picture, section_picture, taps_picture
 from windmark.app.psp_scene import psp_scene
-from windmark.app.report import Report
+from windmark.app.report import Report, measured
 from windmark.pipeline.psp import REDUCED, PointRecord, PspTest, grouped, reduced
 from windmark.pipeline.psp.outputs import FIELDS
 
@@ -74,7 +74,8 @@ def _points(report: Report, records: list[PointRecord]) -> None:
                "dominated by", "s"]  # fmt: skip
     rows = [
         [r.name, r.alpha_deg, r.status, r.alpha_seen_deg, f"{r.pictures_used[0]}/{r.pictures_used[1]}", r.rms_px,
-         r.seen, r.median_sigma_cp, _causes(r, "Cp"), float(sum(r.seconds.values()))] for r in records
+         r.seen, measured(r.median_sigma_cp, r.median_sigma_cp)[1], _causes(r, "Cp"),
+         float(sum(r.seconds.values()))] for r in records
     ]  # fmt: skip
     report.table(columns, rows, scroll=len(records) > 15)
     for r in records:
@@ -93,7 +94,7 @@ def _loads(report: Report, records: list[PointRecord]) -> None:
     names = ("CL", "CD", "Cm", "CN", "CA")
     rows = [
         [r.name, r.alpha_deg, v, f"{100 * r.shown.get(v, np.nan):.0f} %",
-         *(f"{of[c][0]:+.5f} ± {of[c][1]:.5f}" for c in names), _causes(r, "CL") if v == "all" else ""]
+         *(" ± ".join(measured(*of[c], sign="+")) for c in names), _causes(r, "CL") if v == "all" else ""]
         for r in records for v, of in r.loads.items()
     ]  # fmt: skip
     columns = ["point", "incidence °", "volume", "area shown", *names, "sigma of CL by"]

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from windmark.app import web
 from windmark.app.alone import alone
 from windmark.app.packing import packed_text
+from windmark.app.wording import setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -171,7 +172,7 @@ class Report:
         self.heading("Files beside this report")
         self.table(["file", "content"], files)
         self.heading("Options and times")
-        self.table(["option", "value"], [(k, str(v)) for k, v in options.items()])
+        self.table(["option", "value"], [(k, setting(v)) for k, v in options.items()])
         self.table(["stage", "s"], list(seconds.items()))
         self.side_by_side(2)
 
@@ -214,7 +215,8 @@ def _of_words(column: Sequence[Any]) -> bool:
 def earned_decimals(sigmas: Iterable[float]) -> int:
     """Decimals that numbers with these sigmas have earned: two digits of the least; 4 where none is known."""
     known = [s for s in sigmas if 0 < s < math.inf]
-    return min(max(1 - math.floor(math.log10(min(known))), 0), 9) if known else 4
+    # The power of ten of the rounded sigma: 0.000997 is 0.0010, not 0.00100.
+    return min(max(1 - int(f"{min(known):.1e}".partition("e")[2]), 0), 9) if known else 4
 
 
 def measured(value: float, sigma: float, sign: str = "") -> tuple[str, str]:
@@ -222,7 +224,13 @@ def measured(value: float, sigma: float, sign: str = "") -> tuple[str, str]:
     if not math.isfinite(value):
         return "–", "–"
     digits = earned_decimals([sigma])
-    return f"{value:{sign}.{digits}f}", f"{sigma:.{digits}f}"
+    return f"{value:{sign}.{digits}f}", f"{sigma:.{digits}f}" if sigma > 0 else "–"
+
+
+def measured_rows(values: Iterable[Iterable[float]], sigmas: Iterable[Iterable[float]]) -> list[tuple[str, ...]]:
+    """`measured` of rows of several numbers each: the numbers, then their sigmas."""
+    pairs = [[measured(v, s) for v, s in zip(*row, strict=True)] for row in zip(values, sigmas, strict=True)]
+    return [(*(value for value, _ in row), *(sigma for _, sigma in row)) for row in pairs]
 
 
 def cell(value: Any) -> str:

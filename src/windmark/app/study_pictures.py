@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import windmark
 from windmark.app.report import Report
+from windmark.app.wording import named, setting
 from windmark.pipeline.study import Example, Study, StudySettings, examples
 
 if TYPE_CHECKING:
@@ -191,9 +192,11 @@ def study_page(study: Study, place: Path) -> Report:
         (place / "markers.png").write_bytes(drawn)
     report.heading("Every point")
     columns = study.columns()
-    report.table(list(columns), zip(*(values.tolist() for values in columns.values()), strict=True), scroll=True)
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    report.table([named(key) for key in columns], rows, scroll=True)
     report.heading("Settings")
-    report.table(["setting", "value"], [[key, str(value)] for key, value in study.record()["settings"].items()])
+    settings = study.record()["settings"]
+    report.table(["setting", "value"], [[named(key), setting(value)] for key, value in settings.items()])
     return report
 
 

@@ -14,7 +14,7 @@ import windmark
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
-from windmark.app.report import Report
+from windmark.app.report import Report, measured
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
@@ -188,8 +188,9 @@ def _headings(unit: str) -> list[str]:
 
 
 def _row(row: PoseRow) -> list[Any]:
+    pov = [measured(value, sigma)[0] for value, sigma in zip(row.pov, row.sigma, strict=True)]
     return [
-        row.index, row.name, row.status, row.matched, row.expected, row.rms_px, *(f"{v:.4f}" for v in row.pov),
+        row.index, row.name, row.status, row.matched, row.expected, row.rms_px, *pov,
         1e3 * row.seconds, row.reason,
     ]  # fmt: skip
 

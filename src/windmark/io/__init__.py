@@ -68,6 +68,7 @@ from windmark.io.tecplot import write_tecplot
 from windmark.io.tecplot_read import read_tecplot
 from windmark.io.text import read_json, to_json, write_json
 from windmark.io.tgts import write_tgts
+from windmark.io.vtk_collection import write_collection
 from windmark.io.vtk_write import write_nodes_vtk
 
 __all__ = [
@@ -78,8 +79,8 @@ __all__ = [
     "read_camera", "read_camera_file", "read_colmap", "write_colmap", "written_camera_format",
     "read_detections", "read_json", "read_markers", "read_matches", "read_modes", "read_points", "read_table",
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
-    "read_tecplot", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk", "write_plot3d",
-    "write_plot3d_function", "write_tecplot",
+    "read_tecplot", "write_collection", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk",
+    "write_plot3d", "write_plot3d_function", "write_tecplot",
     "Frame", "FrameAddress", "Frames", "PictureFile", "addresses", "frame_address", "frames", "gathered",
     "is_recording", "picture_name", "pictures", "times_of", "write_frames",
     "GRID_FORMATS", "GRID_SUFFIXES", "UNIT_FORMATS", "GridFile", "fitting_layouts", "grid_format", "read_grid_file",

@@ -17,11 +17,15 @@ from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading, reason
 from windmark.options import Option
 from windmark.pipeline.kinds import other_kind
+from windmark.pipeline.no_toml import why_no_toml
 from windmark.pipeline.typed import nearest, typed
 
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
 """For each part of a key the library goes through all parts before it. Looked for from where a word begins only: from
 within a long word it would take the square of its length."""
+
+_TEXTS = {"path_type": "a path, as text in quotes", "string_type": "text in quotes"}
+"""Kinds of errors whose words in the library are Python's -> what was expected."""
 
 _OF_A_TYPE = re.compile(r"\[|^constrained-|^(int|float|str|bool|path|literal)$")
 """Of alternative types pydantic puts the type into the place of an error; it is no key."""
@@ -59,16 +63,18 @@ def read_toml(path: Path, root: type[BaseModel]) -> dict[str, Any]:
 
 def read_settings(path: Path) -> dict[str, Any]:
     """The content of a TOML file, whatever it is for; `FileError` where it cannot be read or is no TOML."""
+    content = b""
     try:
         with reading(path):
-            text = path.read_bytes().decode("utf-8-sig")
+            content = path.read_bytes()
+        text = content.decode("utf-8-sig")
         if _DEEP_KEY.search(text):
             raise FileError(path, "a key has over 100 parts; expected a windmark project file")
         return tomllib.loads(text)
     except FileError:
         raise
     except ValueError as error:  # also numbers too long for Python
-        raise FileError(path, f"is not valid TOML ({error}); expected a windmark project file") from None
+        raise FileError(path, why_no_toml(path, content, error)) from None
     except RecursionError:
         raise FileError(path, "is nested too deeply; expected a windmark project file") from None
 
@@ -93,12 +99,19 @@ def explanation(one: Mapping[str, Any], root: type[BaseModel]) -> tuple[str | No
         return key, str(one["ctx"]["error"])
     if "words" in one.get("ctx", {}):  # of `faults`
         return key, str(one["ctx"]["words"])
-    return key, f"{_expected(one)}, got {one['input']!r}{_meant(one)}"
+    return key, f"{_expected(one)}, got {_as_written(one['input'])}{_meant(one)}"
 
 
 def _expected(one: Mapping[str, Any]) -> str:
     """What the library says, in our words."""
+    if one["type"] in _TEXTS:
+        return f"expected {_TEXTS[one['type']]}"
     return re.sub("^Input should be", "expected", one["msg"])
+
+
+def _as_written(value: Any) -> str:
+    """A value as the file has it, so far as Python writes it in another way."""
+    return str(value).lower() if isinstance(value, bool) else repr(value)
 
 
 def _meant(one: Mapping[str, Any]) -> str:

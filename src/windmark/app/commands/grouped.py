@@ -9,6 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
+from windmark.app.commands.usage import MissingParameter, all_that_lacks, usage_pieces, worded
 from windmark.options import Option
 
 INPUT = "Input"
@@ -63,7 +64,22 @@ def written(help_text: str = "Folder of the results.") -> Any:
 
 
 class Grouped(TyperCommand):
-    """A command whose help has a section for every panel of its options, in plain text."""
+    """A command whose help has a section for every panel of its options, in plain text, and whose usage says all that
+    has to be given.
+    """
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Typer's usage is silent about options without which a command does not run."""
+        return usage_pieces(self.get_params(ctx), ctx, self.options_metavar)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As every command's; what lacks is said all at once, not one thing a call."""
+        words = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except MissingParameter as error:
+            given, _, _ = self.make_parser(ctx).parse_args(args=words)
+            raise all_that_lacks(error, self.get_params(ctx), ctx, given) from error
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments, the panels in the order of their first options, output; what has no panel is in "Options"."""
@@ -73,7 +89,7 @@ class Grouped(TyperCommand):
             if record is not None:
                 argument = param.param_type_name == "argument"
                 panel = "Arguments" if argument else getattr(param, "rich_help_panel", None) or "Options"
-                sections.setdefault(panel, []).append(record)
+                sections.setdefault(panel, []).append(worded(record, param))
         rank = {"Arguments": 0, OUTPUT: 2, "Options": 1 if len(sections.get("Options", ())) > 1 else 3}
         for heading in sorted(sections, key=lambda panel: rank.get(panel, 1)):
             with formatter.section(heading):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +12,27 @@ from windmark import io
 from windmark.deformation import Deformation
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.project import OutputEntry
+from windmark.pipeline.deform.record import FrameRecord
 from windmark.pipeline.deform.values import units
 from windmark.tasks.deform.task import DeformedFrame
 
 Array = NDArray[np.float64]
 
+GRIDS = "grid"
+"""Folder of the grids."""
+
 
 def gridded(wanted: OutputEntry, frame: DeformedFrame) -> bool:
     """Whether the grid of a frame is written."""
     return bool(wanted.grid) and frame.index % wanted.every == 0
+
+
+def write_grid_series(folder: Path, wanted: OutputEntry, records: Sequence[FrameRecord]) -> None:
+    """The collection ``grid.pvd`` that shows all grids written in ParaView at their frames' times."""
+    if "vtk" not in wanted.grid:
+        return
+    files = {f"{GRIDS}/{r.key}.vtp": r.time_s for r in records}
+    io.write_collection(folder / "grid.pvd", [(time, file) for file, time in files.items() if (folder / file).exists()])
 
 
 def write_grid(
@@ -30,7 +42,7 @@ def write_grid(
 
     Parameters
     ----------
-    folder : of the results; the files go into ``grid`` there
+    folder : of the results; the files go into `GRIDS` there
     state : of the frame
     mapped : values at the grid's nodes, see `Mapper.frame`
     """
@@ -41,12 +53,12 @@ def write_grid(
 
     mesh = loaded.mesh
     assert mesh is not None
-    (folder / "grid").mkdir(exist_ok=True)
+    (folder / GRIDS).mkdir(exist_ok=True)
     placed = bound_vertices(state.volumes, mesh)
     moved = state.mesh(mesh, placed=placed)
     unit = loaded.project.length_unit
     if "plot3d" in wanted.grid:
-        io.write_mesh(folder / "grid" / f"{frame.key}.xyz", moved, length_unit=unit)
+        io.write_mesh(folder / GRIDS / f"{frame.key}.xyz", moved, length_unit=unit)
     if "vtk" in wanted.grid:
         shift = moved.vertices - mesh.vertices
         place, cov = state.displacement(mesh.vertices, vertex_volumes(mesh), frame="model")
@@ -55,5 +67,5 @@ def write_grid(
             "deformation": np.linalg.norm(place, axis=1),
             "sigma_deformation": np.sqrt(np.trace(cov, axis1=1, axis2=2)),
         }  # fmt: skip
-        io.write_nodes_vtk(folder / "grid" / f"{frame.key}.vtp", moved, {**fields, **mapped},
+        io.write_nodes_vtk(folder / GRIDS / f"{frame.key}.vtp", moved, {**fields, **mapped},
                            units={**dict.fromkeys(fields, unit), **units(mapped)})  # fmt: skip

@@ -18,7 +18,7 @@ from windmark import io
 from windmark.deformation import Deformation, zero_markers
 from windmark.io.interrupts import interrupts_wait
 from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
-from windmark.pipeline.deform.grid_output import gridded
+from windmark.pipeline.deform.grid_output import gridded, write_grid_series
 from windmark.pipeline.deform.live import Watch
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import key_of
@@ -156,6 +156,7 @@ def run_sequence(
             writer.undo()
         if isinstance(frames, Watch):
             job.close_watch(frames, writer)
+    write_grid_series(folder, project.output, out.records)
     out.compared = None if mapper is None else mapper.compared
     return out
 

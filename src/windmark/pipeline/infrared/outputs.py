@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,14 +75,8 @@ def write_tables(folder: Path, run: InfraredRun, records: Sequence[FrameRecord])
     })  # fmt: skip
     if "vtk" not in run.project.output.grid:
         return
-    rows = [
-        f'    <DataSet timestep="{r.time_s if np.isfinite(r.time_s) else r.index:.9g}" '
-        f"file={quoteattr(f'{FRAMES}/{r.key}.vtp')}/>\n"
-        for r in records if (folder / FRAMES / f"{r.key}.vtp").exists()
-    ]  # fmt: skip
-    with io.atomic_write(folder / "run.pvd") as stream:
-        stream.write('<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n')
-        stream.write("".join(rows) + "  </Collection>\n</VTKFile>\n")
+    files = {f"{FRAMES}/{r.key}.vtp": r.time_s for r in records}
+    io.write_collection(folder / "run.pvd", [(time, file) for file, time in files.items() if (folder / file).exists()])
 
 
 class PointHistories:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,13 +152,8 @@ def write_all(folder: Path, test: PspTest, records: Sequence[PointRecord]) -> No
 
 def _write_collection(folder: Path, records: Sequence[PointRecord]) -> None:
     """A ParaView collection: the incidence is its time."""
-    rows = [
-        f'    <DataSet timestep="{r.alpha_deg:g}" file={quoteattr(f"{r.name}/fields.vtp")}/>\n'
-        for r in records if (folder / r.name / "fields.vtp").exists()
-    ]  # fmt: skip
-    with io.atomic_write(folder / "polar.pvd") as stream:
-        stream.write('<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n')
-        stream.write("".join(rows) + "  </Collection>\n</VTKFile>\n")
+    files = {f"{r.name}/fields.vtp": r.alpha_deg for r in records}
+    io.write_collection(folder / "polar.pvd", [(at, file) for file, at in files.items() if (folder / file).exists()])
 
 
 def _layout(project: PspProject) -> io.Plot3dLayout:

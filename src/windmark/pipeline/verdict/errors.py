@@ -13,6 +13,12 @@ UNITS = "length unit"
 """The key under which `pipeline.lengths` refuses."""
 
 
+def usage_verdict(said: str, command: str) -> Verdict:
+    """Bad, for a command that is not one of those that there are: `windmark VERB` that lacks or misspells something."""
+    step = f"correct the command; {command} --help says what it takes"
+    return Verdict.of([Finding(BAD, "usage", said, step)], 1, "", "")
+
+
 def error_verdict(error: WindmarkError) -> Verdict:
     """Bad, for the reason that the error says."""
     if isinstance(error, FileError) and error.where == UNITS:

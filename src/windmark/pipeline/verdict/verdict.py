@@ -15,6 +15,7 @@ BAD: Word = "bad"
 WORDS: tuple[Word, ...] = (GOOD, DOUBTFUL, BAD)
 
 CAUSES = {
+    "usage": "a command that lacks something, or has something that there is not",
     "units": "units that differ or are mixed",
     "file": "a file that cannot be read, or does not fit the others",
     "saturated": "a picture at its highest grey level",

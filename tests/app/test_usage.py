@@ -1,0 +1,71 @@
+"""Usage lines, help and refusals of the command line: what has to be given is shown, and in words."""
+
+import json
+import re
+
+import pytest
+import typer.main
+
+from windmark.app import console
+from windmark.app.cli import app
+from windmark.app.commands.usage import worded
+
+
+def commands(group=None, path=()):
+    """Every command with its path."""
+    group = group or typer.main.get_command(app)
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, (*path, name))
+        else:
+            yield (*path, name), command
+
+
+def refused(words, monkeypatch, capsys):
+    """Standard error and output of a call of wrong usage."""
+    monkeypatch.setattr("sys.argv", ["windmark", *words])
+    assert console.command_line(app, "--json" in words) == 2
+    return capsys.readouterr()
+
+
+def test_usage_shows_all_that_has_to_be_given_and_help_has_no_words_of_python(windmark):
+    seen = 0
+    for path, command in commands():
+        text = windmark(*path, "--help").out
+        usage = " ".join(text.partition("\n\n")[0].split())
+        for param in command.params:
+            if param.required and param.param_type_name == "option":
+                seen += 1
+                assert re.search(rf" {min(param.opts, key=len)} <[a-z |]+>", usage), (path, param.name, usage)
+        assert usage.endswith("[OPTIONS]"), path
+        assert not re.search(r"<[^>\n]*(list\[|\bstr\b|\bfloat\b|\bint\b|Path)", text), path
+    assert seen > 8
+
+
+def test_the_usage_of_one_verb(windmark):
+    usage = " ".join(windmark("register", "--help").out.partition("\n\n")[0].split())
+    assert usage.endswith(" register {image} -m <path> -c <path> --unit <text> [OPTIONS]")
+    assert "convert {SOURCE... TARGET} [OPTIONS]" in windmark("convert", "--help").out
+
+
+def test_an_option_that_may_be_given_again_says_so_once():
+    for path, command in commands():
+        for param in command.params:
+            if param.param_type_name == "option" and param.multiple:
+                _, said = worded(param.get_help_record(typer.Context(command)), param)
+                assert len(re.findall("several times|twice|for each", said)) == 1, (path, param.name, said)
+
+
+def test_all_that_lacks_is_named_at_once(monkeypatch, capsys):
+    said = refused(["register"], monkeypatch, capsys).err
+    assert "Missing argument 'image' and options '--markers' / '-m', '--camera' / '-c', '--unit'." in said
+    said = refused(["register", "a.png", "-m", "m.csv", "--unit", "mm"], monkeypatch, capsys).err
+    assert "Missing option '--camera' / '-c'." in said
+
+
+@pytest.mark.parametrize("words", [["register", "a.png"], ["detect", "a.png", "--no-such"], ["no-such-verb"]])
+def test_wrong_usage_has_a_verdict_for_machines(words, monkeypatch, capsys):
+    record = json.loads(refused([*words, "--json"], monkeypatch, capsys).out)
+    verdict = record["verdict"]
+    assert (verdict["word"], verdict["cause"], verdict["reason"]) == ("bad", "usage", record["error"])
+    assert "--help" in verdict["next_step"]
