@@ -14,7 +14,7 @@ from windmark.io.markers import TARGET_ROLES
 from windmark.pipeline.likely_unit import Array, Box, likely_unit, model_box
 from windmark.pipeline.settings import COMMAND_LINE
 from windmark.scene import MarkerCovariance, MarkerSet, Mesh
-from windmark.scene.units import IN_WORDS
+from windmark.scene.units import IN_WORDS, spelt
 
 Noun = TypeVar("Noun", MarkerSet, Mesh, io.PointList)
 
@@ -159,4 +159,4 @@ def _note(paths: list[Path], path: Path) -> None:
 
 
 def _or(units: list[str]) -> str:
-    return " or ".join("inch" if unit == "in" else unit for unit in units)
+    return " or ".join(map(spelt, units))

@@ -24,6 +24,11 @@ ALIKE = 1.3
 """A factor is taken for that of two units if it is off by no more than this (2.54 and 3.28 are the nearest pair)."""
 
 
+def spelt(unit: str) -> str:
+    """A unit in a sentence, where "in" is another word."""
+    return "inch" if unit == "in" else unit
+
+
 def mixed_units(factor: float, place_unit: str = "") -> tuple[str, str] | None:
     """The units that numbers ``factor`` times too small beside others are most likely in: (the others', theirs).
 
@@ -66,7 +71,7 @@ def radii_words(ratio: float, place_unit: str = "") -> str:
     units = mixed_units(ratio, place_unit) if max(ratio, 1 / ratio) > RADII_OFF else None
     likely = "; diameters in their place?" if units is None and 1.8 < factor < 2.2 and small == "large" else ""
     if units is not None:
-        places, radii = ("inch" if unit == "in" else unit for unit in units)
+        places, radii = map(spelt, units)
         likely = f": radii in {radii} beside places in {places}?"
     elif not likely:
         likely = "; another unit, or something else than radii?"

@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.deformation import Law, LawError, Stations, Volume, Volumes, check_law, laws_of_source, with_parameters
 from windmark.deformation.laws.catalog import CATALOG, make_law
-from windmark.errors import WindmarkError
+from windmark.errors import WindmarkError, g3
 from windmark.geometry import Camera, Pose
 from windmark.io.errors import reading
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
 from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.likely_unit import likely_unit
 from windmark.pipeline.typed import nearest
 from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.scene import MarkerSet, Mesh
+from windmark.scene.units import spelt
 from windmark.tasks.deform.task import DeformationTest, LookOptions, Station
 from windmark.tasks.sight import sight
 
@@ -78,6 +80,7 @@ def load(project: DeformProject) -> Loaded:
             )
         except WindmarkError as error:
             raise io.FileError(project.path, str(error), "stations") from None
+        _check_place(project, markers, stations)
         _check_tip(project, volumes, stations)
     look = project.look
     radius = (look.radius_px,) if isinstance(look.radius_px, float) else look.radius_px
@@ -90,6 +93,19 @@ def load(project: DeformProject) -> Loaded:
         sight(markers, mesh) if mesh is not None and look.occlusion else None, None, options,
     )  # fmt: skip
     return Loaded(project, test, mesh, stations, tuple(remarks))
+
+
+def _check_place(project: DeformProject, markers: MarkerSet, stations: Stations) -> None:
+    """Stations that lie where the part's markers are only in another unit."""
+    own = markers.xyz[(markers.volume == stations.volume) & (markers.role != "wall")]
+    if not len(own):
+        return
+    places, unit = 0.5 * (stations.fore + stations.aft), project.length_unit
+    units, _ = likely_unit(places, (own.min(axis=0), own.max(axis=0)), unit)
+    if units:
+        far = [f"{g3(np.linalg.norm(np.ptp(p, axis=0)))} {unit}" for p in (places, own)]
+        words = f"the stations span {far[0]}, the markers of {stations.volume} {far[1]}: they are rather in "
+        raise io.FileError(project.path, words + spelt(units[0]), "stations.start")
 
 
 def _check_tip(project: DeformProject, volumes: Volumes, stations: Stations) -> None:

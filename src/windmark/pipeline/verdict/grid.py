@@ -10,6 +10,7 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.resection.seat import OFF, Seat, seat
 from windmark.scene import MarkerSet, Mesh
+from windmark.scene.units import spelt
 
 _STEP = "bring grid and table of markers into one frame, at one size: pictures are mapped to the grid where it stands"
 
@@ -34,7 +35,7 @@ def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
             BAD if sure else DOUBTFUL,
             "units",
             f"markers over {g3(size[0])} {unit} on a grid of {g3(size[1])} {unit}: the table is "
-            f"rather in {' or '.join(_spelt(u) for u in units)}",
+            f"rather in {' or '.join(map(spelt, units))}",
             f"windmark convert --unit {units[0]} --to-unit {unit} for the table, or correct its length_unit",
         )
     ]
@@ -67,7 +68,3 @@ def _motion(found: Seat, xyz: np.ndarray, unit: str) -> str:
     parts += [f"shifted by {g2(shift)} {unit}"] if shift > least else []
     parts += [f"{g2(abs(percent))} % {'larger' if percent > 0 else 'smaller'}"] if abs(percent) > 0.005 else []
     return " and ".join(parts) or f"moved by {g3(found.shift)} {unit}"
-
-
-def _spelt(unit: str) -> str:
-    return "inch" if unit == "in" else unit
