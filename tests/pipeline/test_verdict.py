@@ -33,9 +33,9 @@ from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
 from windmark.scene import Detections, MarkerSet, Mesh
 from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.deform.task import Sight
-from windmark.tasks.mirrored import mirrored
 from windmark.tasks.psp.taps import TapTable
 from windmark.tasks.reconstruct.result import NotReconstructed
+from windmark.tasks.unexplained import unexplained
 
 _PROJECT = """\
 title = "small"
@@ -133,6 +133,20 @@ def test_a_mirrored_picture_or_table(tmp_path, tunnel, what):
     assert "the picture or the table is mirrored" in verdict.reason
 
 
+@pytest.mark.parametrize(
+    ("change", "cause", "says"),
+    [({"normal": -1.0}, "discs", "the normals of the table point into the model"),
+     ({"sigma": 30.0}, "units", "the sigmas of the table are in another unit than its places")],
+)  # fmt: skip
+def test_what_makes_a_table_useless_is_said(tmp_path, tunnel, change, cause, says):
+    """They had been "no pose explains the neighbourhood of any three markers", or chance."""
+    m = tunnel.markers
+    wrong = {k: m.normal * v if k == "normal" else np.full(m.xyz.shape, v) for k, v in change.items()}
+    verdict = judged(tmp_path, tunnel, markers=replace(m, **wrong))
+    assert (verdict.word, verdict.cause) == (BAD, cause), verdict.reason
+    assert says in verdict.reason
+
+
 def test_a_symmetric_model_under_a_grid_that_hides_it_is_not_called_mirrored(tunnel):
     """Its mirror image is the table with other names, and registers without the grid, as the table does."""
     m = tunnel.markers.take(np.flatnonzero(tunnel.markers.role == "model"))
@@ -146,7 +160,7 @@ def test_a_symmetric_model_under_a_grid_that_hides_it_is_not_called_mirrored(tun
     spots = Detections.make(xy[seen], sigma_px=0.02, radius_px=3.0)
     assert register(spots, markers, camera)
     no = NotRegistered("hidden by a grid", "nothing")
-    assert mirrored(spots, markers, camera, no, {}) is no
+    assert unexplained(spots, markers, camera, no, {}) is no
 
 
 def test_saturated_picture(tmp_path, tunnel):

@@ -21,8 +21,8 @@ from windmark.pipeline.results import ImageResult
 from windmark.registration import Registration
 from windmark.scene import Detections, MarkerSet, Mesh
 from windmark.tasks.labels import excluded_spots, fixed_spots
-from windmark.tasks.mirrored import mirrored
 from windmark.tasks.sight import UNDER_GRID, sight
+from windmark.tasks.unexplained import unexplained
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _attempt(result: ImageResult, entry: ImageEntry, inputs: Inputs, clock: Cloc
     if isinstance(answer, Registration):
         return posed(result, answer, inputs)
     with clock("register"):
-        answer = mirrored(found, inputs.markers, result.camera, answer, options)
+        answer = unexplained(found, inputs.markers, result.camera, answer, options)
     return replace(result, registration=answer, problem=f"not registered: {answer.reason}")
 
 

@@ -24,6 +24,10 @@ ALIKE = 1.3
 """A factor is taken for that of two units if it is off by no more than this (2.54 and 3.28 are the nearest pair)."""
 
 
+SIGMAS_OFF = "the sigmas of the table are in another unit than its places"
+"""Words of a refusal, which name the verdict."""
+
+
 def spelt(unit: str) -> str:
     """A unit in a sentence, where "in" is another word."""
     return "inch" if unit == "in" else unit

@@ -20,8 +20,8 @@ from windmark.options.registration import MAX_TABLE_ERROR
 from windmark.registration import Motion, NotRegistered, Registration, TrackState, predict, track
 from windmark.registration.track import taken_up
 from windmark.scene import Detections, MarkerSet
-from windmark.tasks.mirrored import mirrored
 from windmark.tasks.predictions import Known, from_camera, look_again
+from windmark.tasks.unexplained import unexplained
 
 Array = NDArray[np.float64]
 Image = NDArray[np.generic]
@@ -200,8 +200,8 @@ class _Follower:
             fields = field_shift(image, spots.xy[mine], self._last[1]).sure_px
         state, reason = self._state, self._state.reason
         if index == 0 and isinstance(answer, NotRegistered):
-            answer = self._mirrored(spots, answer)
-            reason = answer.reason if answer.cause == "mirrored" else reason
+            told = self._unexplained(spots, answer)
+            answer, reason = told, reason if told is answer else told.reason
         return FollowedFrame(
             index, name, instant, state.status, reason, near, self._polarity, spots, answer,
             working_time() - start, blur_px=self._known.frame.blur_px if near and self._known else np.nan,
@@ -276,10 +276,11 @@ class _Follower:
             first = first or result
         return first
 
-    def _mirrored(self, spots: Detections, no: NotRegistered) -> NotRegistered:
-        """As `mirrored`, of the first image: those behind it are as they are."""
+    def _unexplained(self, spots: Detections, no: NotRegistered) -> NotRegistered:
+        """As `unexplained`, of the first image: those behind it are as they are."""
         names = ("tolerance_px", "max_time_s", "max_table_error", "seed")
-        return mirrored(spots, self._markers, self._camera, no, {name: getattr(self._options, name) for name in names})
+        options = {name: getattr(self._options, name) for name in names}
+        return unexplained(spots, self._markers, self._camera, no, options)
 
     def _everything(self, image: Image, polarity: str) -> detection.Look:
         """All spots of one polarity."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from windmark.scene.units import SIGMAS_OFF
+
 MOVED = ("place in the rig", "not where it is said to be", "not where cam_from_rig says")
 """Words of a refusal for a camera that does not fit, where its place is at fault and not its interior."""
 EXCHANGED = "are exchanged: where cam_from_rig has the other"
@@ -25,6 +27,8 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     ("are radii and normals right", "discs", _STEPS["discs"]),
     ("rows and pictures were exchanged", "lost", _STEPS["rows"]),
     ("are mixed, or", "units", _STEPS["units"]),
+    (SIGMAS_OFF, "units", "give the markers' sigma in the unit of their places, 1 sigma of each coordinate"),
+    ("the normals of the table", "discs", _STEPS["discs"]),
     ("picture or the table is mirrored", "mirrored", _STEPS["mirrored"]),
     ("of the picture is saturated", "saturated", _STEPS["saturated"]),
 )

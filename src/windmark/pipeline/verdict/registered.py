@@ -89,6 +89,8 @@ def refused(no: NotRegistered, count: int) -> Finding:
     if no.cause == "too_few" and count < MIN_COUNT:
         step = "give the table more markers, or let other roles of it take part ([markers] roles)"
     told = told_by(no.reason)
+    if no.cause == "misfit" and told is not None and told[0] == "units":
+        cause, step = told
     if no.cause == "wrong_camera" and told is not None and told[0] == "moved":
         cause, step = "moved", "find the cameras' places anew (windmark calibrate), or register them without the rig"
     return Finding(BAD, cause, f"not registered: {no.reason}", step)
