@@ -44,6 +44,10 @@ def run_verdict(result: RunResult) -> Verdict:
                 )
             )
     found += _contradicted([group.merged for group in result.merged if group.merged is not None])
+    if not found and all(item.registered is None and item.at_pose is None for item in result.images):
+        said = "the poses were given, and nothing was matched that could contradict them"
+        step = "give the marker table as well (-m, or [markers]), and look at the grid over the picture"
+        found.append(Finding(DOUBTFUL, "few", said, step))
     return Verdict.of(found, len(result.images), *_good(result))
 
 
@@ -71,10 +75,7 @@ def _good(result: RunResult) -> tuple[str, str]:
         said = f"{worst_seen.found} of {worst_seen.expected} markers are where the given {has} them"
         return said, "use the values; look at the grid over the picture"
     if not answers:
-        return (
-            "the poses were given; nothing was matched that could contradict them",
-            "give the marker table (-m) as well, and look at the grid over the picture",
-        )
+        return "every picture is left out", "see why"
     worst = max(a.rms_px for a in answers)
     beyond = max(_beyond(i) for i in result.images)
     fewest = min(len(a.matching) for a in answers)
