@@ -244,11 +244,33 @@ def _other_primaries(task: Task, calibration: Calibration) -> dict[str, str]:
     return out
 
 
+def _taken_for_primaries(task: Task, calibration: Calibration) -> dict[str, str]:
+    """{primary: other name} of markers that were taken for primaries, which the others put elsewhere, and are not.
+
+    No label says that they are, and they are no nearer to the primary's place than other markers are to them: a place
+    was all that named them.
+    """
+    places = calibration.markers.xyz
+    if len(places) < 2:
+        return {}
+    at = dict(zip(calibration.markers.name.tolist(), places, strict=True))
+    table = dict(zip(task.primary.name.tolist(), task.primary.xyz, strict=True))
+    labelled = {str(task.primary.name[p]) for mine in task.labels for p in mine.values()}
+    out = {}
+    for name in dict.fromkeys(n for d in calibration.doubts if d.cause == "control" for n in d.names):
+        if name in table and name in at and name not in labelled:
+            next_to = np.sort(np.linalg.norm(places - at[name], axis=1))[1]
+            if np.linalg.norm(at[name] - table[name]) > 0.5 * next_to:
+                out[name] = f"s{len(at) + len(out) + 1:03d}"  # numbers go up to that of all markers at most
+    return out
+
+
 def _result(
     task: Task, structure: Structure, calibration: Calibration, names: list[str], linked_marks: Mask,
     dropped: dict[str, str], found_by: dict[int, str], options: dict[str, Any],
 ) -> Reconstruction:  # fmt: skip
     known, more = set(task.primary.name.tolist()), _other_primaries(task, calibration)
+    more |= _taken_for_primaries(task, calibration)
     row = {n: k for k, n in enumerate(names)}
     place = {row[str(n)]: k for k, n in enumerate(calibration.markers.name)}
     name = np.array([more.get(str(n), str(n)) for n in calibration.markers.name])
@@ -256,7 +278,9 @@ def _result(
     kept = np.array([int(p) in place for p in structure.point], dtype=np.bool_)
     track = np.array([place[int(p)] for p in structure.point[kept]], dtype=np.int64)
     views = tuple(replace(v, cam_from_model=structure.poses.get(k)) for k, v in enumerate(task.views))
-    renamed = more | {str(k): v.name for k, v in enumerate(task.views) if str(k) not in row}
+    # What is said of a primary's place in its table is of that primary, whatever the marker is called.
+    renamed = {n: m for n, m in more.items() if n not in known}
+    renamed |= {str(k): v.name for k, v in enumerate(task.views) if str(k) not in row}
     calibration = replace(
         calibration, markers=replace(calibration.markers, name=name),
         views=tuple(replace(v, name=task.views[int(v.name)].name) for v in calibration.views),
