@@ -133,14 +133,15 @@ def _psp(seed: int, wishes: Wishes) -> Kind:
 
 
 def _board(seed: int, wishes: Wishes) -> Kind:
-    from windmark.pipeline.simulate_board import PITCH
+    from windmark.pipeline.simulate_board import MARKS, PITCH
     from windmark.pipeline.simulate_board import simulate_board as write
 
     count = wishes.board or 0
 
     def describe(cameras: Any, folder: Path) -> tuple[Record, list[str]]:
+        # With its marks the dots may be off their table, as those of a printer are: without them they are held.
         command = typed("windmark", "calibrate", folder / "board" / "left_*.tif", "--board", f"{PITCH}", "--unit", "mm",
-                        "-r", "9")  # fmt: skip
+                        "-r", "9", "--board-marks", MARKS)  # fmt: skip
         said = f"{count} pictures of a board by each of two cameras: {folder}"
         return {"pictures": count, "cameras": list(cameras)}, [said, f"next: {command}"]
 

@@ -16,7 +16,9 @@ from windmark.synth.board_pictures import Board, board_picture
 SIZE_PX = (800, 600)
 COLUMNS, ROWS, PITCH = 13, 9, 3.5
 RINGS = ((4, 4), (9, 4), (4, 7))
-"""Dots with a hole: the marks 0,0 5,0 0,3 of `--board-marks`."""
+"""Dots with a hole: `MARKS`."""
+MARKS = "holes:0,0:5,0:0,3"
+"""Them for `--board-marks`."""
 SCATTER = 0.003
 """mm that the printer is off, 1 sigma along each axis."""
 FOCAL_PX, DISTANCE = 1100.0, 105.0
