@@ -21,6 +21,11 @@ from windmark.synth.render import render
 SMALL_FILM_PX = (180, 120)
 
 
+def no_bar(largest, label, height):
+    """In place of a film's colour bar, which is drawn in some of these tests and not in others."""
+    return np.full((height, 27, 3), 255, np.uint8)
+
+
 @pytest.fixture(scope="session")
 def windmark():
     """``windmark("detect", ...)`` -> code, out (stdout), err (stderr), json."""
@@ -80,6 +85,7 @@ def small_film():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)
+        patch.setattr(deform_film, "colour_bar", no_bar)
         yield
 
 
@@ -95,6 +101,7 @@ def undrawn():
         patch.setattr(Report, "drawing", lambda *_, **__: None)
         patch.setattr(Report, "scene", lambda *_, **__: None)
         patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)
+        patch.setattr(deform_film, "colour_bar", no_bar)
         yield
 
 
