@@ -22,7 +22,7 @@ def changed(mesh, apply):
 def test_markers_on_their_grid_need_nothing(tunnel):
     found = seat(*tunnel)
     assert (found.moved, found.axes, found.lead) == (None, None, 0.0)
-    assert found.middle < 1e-6 * found.size
+    assert found.most < 1e-6 * found.size
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_a_grid_that_was_moved_is_brought_back(tunnel, turn_deg, shift, scale):
     assert found.moved.scale == pytest.approx(1 / scale, abs=1e-4)
     # What it brings the moved grid's markers back to are the markers: but for what slides along the surface.
     back = found.moved.apply(away(xyz))
-    assert seat(mesh, back).middle < 1e-5 * mesh.size
+    assert seat(mesh, back).most < 1e-5 * mesh.size
     truth = float(np.sqrt(((away(xyz) - xyz) ** 2).sum(axis=1).mean()))
     assert 0.3 * truth < found.shift < 1.3 * truth
 
@@ -52,7 +52,7 @@ def test_a_grid_that_was_moved_is_brought_back(tunnel, turn_deg, shift, scale):
 def test_exchanged_axes_are_named(tunnel):
     mesh, xyz = tunnel
     found = seat(changed(mesh, lambda p: p[:, [0, 2, 1]] * [1, 1, -1]), xyz)
-    assert found.middle > OFF * found.size
+    assert found.most > OFF * found.size
     assert found.axes is not None
     assert found.axes.tolist() == [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
 
@@ -63,16 +63,16 @@ def test_scatter_is_no_motion(tunnel):
     for sigma in (1e-4, 1e-3):
         found = seat(mesh, xyz + rng.normal(0, sigma * mesh.size, xyz.shape))
         assert found.moved is None
-        assert 0.2 * sigma < found.middle / mesh.size < 1.5 * sigma
+        assert 0.05 * sigma < found.most / mesh.size < sigma
 
 
 def test_a_part_that_the_grid_has_not_moves_nothing(tunnel):
     mesh, xyz = tunnel
     beside = xyz.copy()
-    beside[: len(xyz) // 3] += 0.3 * mesh.size
+    beside[: 2 * len(xyz) // 3] += 0.3 * mesh.size
     found = seat(mesh, beside)
     assert (found.moved, found.axes) == (None, None)
-    assert found.middle < 1e-6 * found.size
+    assert found.most < 1e-6 * found.size
 
 
 def test_few_points_tell_no_motion(tunnel):
@@ -80,7 +80,7 @@ def test_few_points_tell_no_motion(tunnel):
     found = seat(changed(mesh, lambda p: p + np.array([0, 0, 0.002 * mesh.size])), xyz[:7])
     assert isinstance(found, Seat)
     assert found.moved is None
-    assert found.middle > 1e-4 * found.size
+    assert found.most > 1e-4 * found.size
 
 
 def test_wrong_shapes_are_refused(tunnel):

@@ -32,7 +32,9 @@ STEPS, FREE = 12, 0.1
 SCALE, SHIFT = 0.1, 0.1
 """A fit that needs another size, or moves the surface, by a larger part is none: it slid away."""
 OFF = 1e-3
-"""Part of its size from which half of the points are not on the surface: a pixel of a thousand across it."""
+"""Part of its size from which most points are not on the surface: a pixel of a thousand across it."""
+MOST = 400
+"""Points that are asked, evenly taken from more."""
 ASKED = 40
 """Points that are asked whether exchanged axes bring them onto it."""
 
@@ -43,7 +45,7 @@ class Seat:
 
     Parameters
     ----------
-    distance : (N,) of each point from the surface
+    distance : (N,) of each point from the surface; of some of them where there are very many
     size : of the surface, `Mesh.size`
     moved : brings the surface to the points; None where no motion explains their distances better than scatter
     lead : nats by which it does
@@ -61,9 +63,9 @@ class Seat:
     axes: NDArray[np.int64] | None = None
 
     @property
-    def middle(self) -> float:
-        """Median distance."""
-        return float(np.median(self.distance))
+    def most(self) -> float:
+        """Distance beyond which three quarters of the points are: a grid may be of a part of the model only."""
+        return float(np.quantile(self.distance, 0.25))
 
 
 def seat(mesh: Mesh, xyz: ArrayLike) -> Seat:
@@ -93,7 +95,7 @@ def seat(mesh: Mesh, xyz: ArrayLike) -> Seat:
     points = np.asarray(xyz, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise UsageError(f"seat: xyz must be (N, 3) with N at least 1, got {points.shape}")
-    size = mesh.size
+    points, size = points[:: -(-len(points) // MOST)], mesh.size
     rough = _to_corners(mesh, points)
     if (rough < 2 * ROUNDING * size).all():
         return Seat(rough, size)
@@ -106,14 +108,17 @@ def seat(mesh: Mesh, xyz: ArrayLike) -> Seat:
         tried = [one for one in tried if one.lead > 0 and one.left < 0.5 * OFF * size]
         if tried:
             return replace(max(tried, key=lambda t: t.lead), distance=distance)
-    return replace(found, axes=_exchanged(search, points, size)) if found.middle > OFF * size else found
+    return replace(found, axes=_exchanged(search, points, size)) if found.most > OFF * size else found
 
 
 def _to_corners(mesh: Mesh, points: Array) -> Array:
     """(N,) distance to the triangles at the nearest node: the surface is no farther. Quick where points lie on it."""
     from scipy.spatial import cKDTree
 
-    used = np.flatnonzero(np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices)))
+    count = np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices))
+    used = np.flatnonzero((count > 0) & np.isfinite(mesh.vertices).all(axis=1))
+    if not len(used):
+        return np.full(len(points), np.inf)
     node = used[cKDTree(mesh.vertices[used], balanced_tree=False, compact_nodes=False).query(points)[1]]
     asked = np.zeros(len(mesh.vertices), bool)
     asked[node] = True

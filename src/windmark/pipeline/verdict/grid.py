@@ -42,7 +42,7 @@ def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
 
 
 def _beside(found: Seat, xyz: np.ndarray, unit: str) -> list[Finding]:
-    off = f"half of the markers are over {g2(found.middle)} {unit} off the grid's surface"
+    off = f"most of the markers are over {g2(found.most)} {unit} off the grid's surface"
     if found.axes is not None:
         axes = ", ".join(("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in found.axes)
         said = f"{off}; with its {axes} as x, y, z it goes through them: its axes are exchanged"
@@ -51,7 +51,7 @@ def _beside(found: Seat, xyz: np.ndarray, unit: str) -> list[Finding]:
         said = f"the grid goes through the markers where it is {_motion(found, xyz, unit)} ({found.lead:.0f} nats "
         said += f"ahead of scatter): it stands about {g2(found.shift)} {unit} beside them, and so do all values"
         return [Finding(DOUBTFUL, "grid", said, _STEP)]
-    if found.middle > OFF * found.size:
+    if found.most > OFF * found.size:
         step = "see that it is this model's grid and in the table's frame: values are off by that, times the slant"
         return [Finding(DOUBTFUL, "grid", off, step)]
     return []
