@@ -256,7 +256,7 @@ def _taken_for_primaries(task: Task, calibration: Calibration) -> dict[str, str]
     at = dict(zip(calibration.markers.name.tolist(), places, strict=True))
     table = dict(zip(task.primary.name.tolist(), task.primary.xyz, strict=True))
     labelled = {str(task.primary.name[p]) for mine in task.labels for p in mine.values()}
-    out = {}
+    out: dict[str, str] = {}
     for name in dict.fromkeys(n for d in calibration.doubts if d.cause == "control" for n in d.names):
         if name in table and name in at and name not in labelled:
             next_to = np.sort(np.linalg.norm(places - at[name], axis=1))[1]
