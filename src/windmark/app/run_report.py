@@ -72,9 +72,23 @@ def run_report(
     _times(report, result, clock.seconds)
     report.heading("Files beside this report")
     report.text("One folder per image:")
-    report.table(["file", "content"], (*FILES, *merge_report.FILES))
+    report.table(["file", "content"], _files(result))
     report.provenance(Provenance.of_project(project, sources or {}))
     return report
+
+
+def _files(result: RunResult) -> list[tuple[str, str]]:
+    """Those of `FILES` that are written of any image, and of merged ones."""
+    images = result.images
+    written = (
+        any(i.detections is not None for i in images), any(i.registered is not None for i in images),
+        any(i.cam_from_model is not None for i in images), any(i.values is not None for i in images),
+        any(i.pixels is not None for i in images), any(i.views for i in images), any(i.sections for i in images),
+        any(i.aligned is not None for i in images),
+    )  # fmt: skip
+    merged = (*[bool(result.merged)] * (len(merge_report.FILES) - 1), any(i.points for i in (*images, *result.merged)))
+    rows = zip((*FILES, *merge_report.FILES), (*written, *merged), strict=True)
+    return [row for row, there in rows if there]
 
 
 def worst_first(images: Sequence[ImageResult]) -> list[ImageResult]:
@@ -152,11 +166,12 @@ def overview(report: Report, result: RunResult) -> None:
         ["image", "spots", "markers matched", "RMS px", "false-alarm number", "nodes with value", "time s", "status"],
         rows, scroll=len(rows) > OPEN_IMAGES,
     )  # fmt: skip
-    report.text(
-        "RMS is the root mean square length of the residual vector (2-D). The false-alarm number is how many wrong"
-        " poses this good one would expect from chance alone in this image: 10^-9 and below is accepted.",
-        "soft",
-    )
+    if any(item.registered is not None for item in result.images):
+        report.text(
+            "RMS is the root mean square length of the residual vector (2-D). The false-alarm number is how many wrong"
+            " poses this good one would expect from chance alone in this image: 10^-9 and below is accepted.",
+            "soft",
+        )
     for item in result.failed:
         report.text(f"{item.name}: {item.problem}", "bad")
     for said in result.left_out:
