@@ -86,7 +86,8 @@ def _files(result: RunResult) -> list[tuple[str, str]]:
         any(i.pixels is not None for i in images), any(i.views for i in images), any(i.sections for i in images),
         any(i.aligned is not None for i in images),
     )  # fmt: skip
-    merged = (*[bool(result.merged)] * (len(merge_report.FILES) - 1), any(i.points for i in images) or any(m.points for m in result.merged))
+    points = any(i.points for i in images) or any(m.points for m in result.merged)
+    merged = (*[bool(result.merged)] * (len(merge_report.FILES) - 1), points)
     rows = zip((*FILES, *merge_report.FILES), (*written, *merged), strict=True)
     return [row for row, there in rows if there]
 
