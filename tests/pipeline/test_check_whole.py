@@ -163,6 +163,18 @@ def test_a_wind_off_frame_that_is_not_there(folder):
     assert "frame 9 has no image" in problem.words
 
 
+def test_everything_that_is_wrong_with_a_deformation_test_at_once(folder):
+    posed(folder)
+    wrong = ('[[volume]]\nname = "wing"\nlaw = "beem"\nparent = "bdy"\n[stations]\nvolume = "wong"\n'
+             'start = [0, 0, 0]\nend = [1, 0, 0]\n[sequence]\nclock = "cam7"\n')  # fmt: skip
+    found = problems(folder, DEFORM + wrong)
+    assert {"volume[0].law", "volume[0].parent", "stations.volume", "sequence.clock"} <= set(found)
+    assert "did you mean beam?" in found["volume[0].law"].words
+    assert found["volume[0].parent"].line == found["volume[0].law"].line + 1
+    two = '[[volume]]\nname = "wing"\nlaw = "beam"\noptions = { roof = 1 }\n[sequence]\nzero = ["77"]\n'
+    assert {"volume[0].law", "sequence.zero"} <= set(problems(folder, DEFORM + two))
+
+
 def test_stations_that_end_at_the_root(folder):
     """The tip would stand still, with a sigma of 0."""
     posed(folder)

@@ -54,10 +54,16 @@ def _run(path: Path) -> Iterator[FileError]:
 
 def _deform(path: Path) -> Iterator[FileError]:
     project = read_deform_project(path)
-    load(project)
-    read_frame_table(project)
-    wind_off_frames(project, instants_of(project))
-    yield from ()
+
+    def frames() -> None:
+        read_frame_table(project)
+        wind_off_frames(project, instants_of(project))
+
+    for step in (lambda: load(project), frames):  # either says nothing of the other
+        try:
+            step()
+        except FileError as error:
+            yield error
 
 
 def _psp(path: Path) -> Iterator[FileError]:

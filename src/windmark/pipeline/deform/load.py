@@ -15,11 +15,10 @@ from windmark.deformation.laws.catalog import CATALOG, make_law
 from windmark.errors import WindmarkError, g3
 from windmark.geometry import Camera, Pose
 from windmark.io.errors import reading
-from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry
+from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry, no_law
 from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.likely_unit import likely_unit
-from windmark.pipeline.typed import nearest
 from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.scene import MarkerSet, Mesh
 from windmark.scene.units import spelt
@@ -191,10 +190,9 @@ def _law(project: DeformProject, entry: VolumeEntry, points: Array) -> Law:
             table = io.read_modes(file)
             project.lengths.agree(file, io.read_marker_unit(file))
         return make_law(entry.law, entry.options, unit=project.length_unit, points=points, table=table)
+    if why := no_law(entry.law):  # of another law, which the project does not name
+        raise LawError(why)
     name, _, which = entry.law.partition(".py")
-    if not _:
-        near = nearest(entry.law, CATALOG)
-        raise LawError(f"{entry.law!r} is neither a built-in law ({', '.join(CATALOG)}) nor a file, file.py:name{near}")
     file = _beside(project, Path(f"{name}.py"))
     with reading(file):
         laws = laws_of_source(file.read_text(encoding="utf-8"), str(file))

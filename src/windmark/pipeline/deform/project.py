@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from windmark.deformation.laws.catalog import CATALOG
 from windmark.errors import UsageError
 from windmark.options.detection import MERIT_MAX, PHOTOMETRY, POLARITY, RADIUS_PX, Photometry, Polarity
 from windmark.options.registration import MAX_DEFORMATION, MAX_TABLE_ERROR, MAX_TIME_S, OCCLUSION, SEED
@@ -15,6 +16,7 @@ from windmark.pipeline.faults import Faults
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project_entries import Direction, GridEntry, Positive, Role, Unit, Vector
 from windmark.pipeline.settings import Strict, existing, explained, ranged, read_toml, result_place
+from windmark.pipeline.typed import nearest
 from windmark.pipeline.wanted import PointsEntry
 
 Image = Annotated[str, Field(min_length=1)]
@@ -100,6 +102,14 @@ class VolumeEntry(Strict):
     parent: str | None = None
     attach: Vector | None = None
     alternative: tuple[AlternativeEntry, ...] = ()
+
+
+def no_law(law: str) -> str:
+    """Why a name is neither that of a built-in law nor a file, "" where it is."""
+    if law in CATALOG or ".py" in law:
+        return ""
+    near = nearest(law, CATALOG)
+    return f"{law!r} is neither a built-in law ({', '.join(CATALOG)}) nor a file, file.py:name{near}"
 
 
 class LookEntry(Strict):
@@ -218,7 +228,13 @@ class DeformProject(Strict):
         cameras = [c.name for c in self.camera]
         faults.names("camera", cameras)
         faults.files(self.camera)
-        faults.names("volume", [v.name for v in self.volume])
+        volumes = [v.name for v in self.volume]
+        faults.names("volume", volumes)
+        for k, v in enumerate(self.volume):
+            if v.parent is not None:
+                faults.known(v.parent, volumes, "a volume", "volume", k, "parent")
+            if v.law is not None and (why := no_law(v.law)):
+                faults.add(why, "volume", k, "law", certain=True)
         faults.names("points", [p.label for p in self.points])
         if not any(v.law for v in self.volume) and not self.motion.free:
             faults.add("nothing is free: give a volume a law, or set motion.free", "motion", "free")
@@ -236,7 +252,6 @@ class DeformProject(Strict):
         if not self.has_clocks and (self.sequence.clock is not None or self.sequence.max_lag_s is not None):
             faults.add("clock and max_lag_s need a camera with rate_hz, offset_s or times", "sequence")
         if self.stations is not None:
-            volumes = [v.name for v in self.volume]
             faults.known(self.stations.volume, volumes, "a volume", "stations", "volume")
         faults.refuse("DeformProject")
         return self
