@@ -12,6 +12,7 @@ from windmark.geometry import Pose
 from windmark.pipeline.at_pose import AtPose, markers_at_pose
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
+from windmark.pipeline.results import ImageResult
 from windmark.pipeline.simulate_cameras import camera_shots
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import BAD, DOUBTFUL, GOOD
@@ -292,3 +293,15 @@ def test_a_grid_that_is_not_where_the_markers_are_is_told(tunnel, move, word, sa
     (one,) = found
     assert (one.word, one.cause) == (word, "grid")
     assert says in one.reason
+
+
+def test_a_doubted_grid_under_a_given_pose_is_no_bad_result(tunnel):
+    """Nothing was to be registered, so the grid kept nothing from it."""
+    mesh = replace(tunnel.mesh, vertices=tunnel.mesh.vertices + np.array([0, 0, 2e-3 * tunnel.mesh.size]))
+    view = SimpleNamespace(camera=tunnel.cameras["cam1"])
+    given = ImageResult("a", None, view.camera, left_out=("view top",))
+    project = SimpleNamespace(length_unit="mm")
+    result = SimpleNamespace(images=(given,), markers=tunnel.markers, mesh=mesh, project=project, lost_views=(),
+                             merged=())  # fmt: skip
+    verdict = run_verdict(result)
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "grid")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,7 +104,7 @@ def lead_over_scatter(free: Array, inner: Array) -> float:
     free : (M,) residuals, what is estimated anyway taken out
     inner : (M, P) what one sigma of each amount does to them
     """
-    return _evidence(free, inner, 1.0) - _evidence(free, inner, 0.0)
+    return float(_evidences(free, inner, [1.0])[0] - _evidences(free, inner, [0.0])[0])
 
 
 def lead_of_any_size(free: Array, columns: Array) -> float:
@@ -111,20 +112,23 @@ def lead_of_any_size(free: Array, columns: Array) -> float:
     size, typical = float((free**2).mean()), float((columns**2).sum()) / len(free)
     if not (size > 0 and typical > 0):
         return 0.0
-    sizes = size / typical * np.geomspace(1e-3, 10.0, 40)
-    best = max(_evidence(free, columns, float(one)) for one in sizes)
-    return best - _evidence(free, columns, 0.0) - 0.5 * float(np.log(len(free)))  # one number more to choose
+    alone, *of_size = _evidences(free, columns, [0.0, *(size / typical * np.geomspace(1e-3, 10.0, 40))])
+    return float(max(of_size) - alone - 0.5 * np.log(len(free)))  # one number more to choose
 
 
-def _evidence(free: Array, columns: Array, part: float) -> float:
-    """Log evidence of columns whose amounts have the variance ``part``, and of scatter of the likeliest size."""
-    left, value, _ = np.linalg.svd(columns)
+def _evidences(free: Array, columns: Array, parts: Sequence[float]) -> list[float]:
+    """Log evidence of columns whose amounts have each of the variances, and of scatter of the likeliest size."""
+    left, value, _ = np.linalg.svd(columns, full_matrices=False)
     power = (left.T @ free) ** 2
-    variance = np.zeros(len(power))
-    variance[: len(value)] = value**2
-    scatter = float(power.mean()) * np.geomspace(1e-3, 2.0, 200)[:, None]
-    whole = scatter + part * variance
-    return float((-0.5 * (power / whole + np.log(whole)).sum(axis=1)).max())
+    # What no column reaches is scatter alone; a basis of it would be as large as the residuals squared.
+    rest, others = max(float((free**2).sum() - power.sum()), 0.0), len(free) - len(power)
+    scatter = float((free**2).mean()) * np.geomspace(1e-3, 2.0, 200)
+    beside = rest / scatter + others * np.log(scatter)
+    out = []
+    for part in parts:
+        whole = scatter[:, None] + part * value**2
+        out.append(float((-0.5 * ((power / whole + np.log(whole)).sum(axis=1) + beside)).max()))
+    return out
 
 
 def smooth(xyz: Array, by_place: Array) -> Array:

@@ -28,8 +28,9 @@ def run_verdict(result: RunResult) -> Verdict:
     if result.markers is not None and result.mesh is not None:
         beside = grid_findings(result.markers, result.mesh, result.project.length_unit)
         # Of a grid that hides the wrong markers no picture may be registered: it is the reason then.
-        none = all(item.registered is None for item in result.images if item.registration is not None)
-        found += [replace(f, word=BAD) for f in beside] if none and found else beside
+        tried = [item for item in result.images if item.registration is not None]
+        none = bool(tried) and all(item.registered is None for item in tried)
+        found += [replace(f, word=BAD) for f in beside] if none else beside
     found += [_missing(said).at(item.name) for item in result.images for said in item.left_out]
     found += [_missing(said) for said in result.lost_views]
     for group in result.merged:
