@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from windmark.geometry import Camera, imaged_ellipse
+from windmark.geometry import Camera, Pose, imaged_ellipse
 
 
 @pytest.fixture
@@ -152,3 +152,33 @@ def test_what_has_no_image_or_no_normal_is_not_a_number(lens):
     seen = imaged_ellipse(lens, center, normal, np.array([0.1, 0.1, 0.1, 0.1]))
     assert np.isfinite(seen.xy).all(axis=1).tolist() == [True, False, False, False]
     assert np.isfinite(seen.center_xy).all(axis=1).tolist() == [True, False, True, True]
+
+
+@pytest.mark.parametrize("tilt_deg", [20, 50, 70])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 0), (0.3, -0.6)], ids=["sphere", "cylinder", "saddle"])
+def test_a_disc_on_a_curved_surface_is_centred_where_its_outline_is(tilt_deg, shape):
+    """A tenth as large as the surface's radius: 0.1 to 0.3 px beside where a flat one would be, against a dense outline
+    on the surface itself (a sphere and a cylinder are no quadrics).
+    """
+    camera, large, radius = Camera((1000, 1000), 2000.0), 50.0, 5.0
+    tilt, around = np.radians(tilt_deg), np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    pose = Pose.look_at(2000 * np.array([np.sin(tilt) * 0.8, np.sin(tilt) * 0.6, np.cos(tilt)]), np.zeros(3), [0, 1, 0])
+    u, v = radius * np.cos(around), radius * np.sin(around)
+    low = (shape[0] * u**2 + shape[1] * v**2) / (2 * large)
+    if min(shape) >= 0:
+        low = large - np.sqrt(large**2 - 2 * large * low)
+    x, y = camera.project(pose.apply(np.column_stack([u, v, -low])))[0].T
+    x0, y0 = x.mean(), y.mean()
+    cross = (x - x0) * (np.roll(y, -1) - y0) - (np.roll(x, -1) - x0) * (y - y0)
+    middle = [((w - w0 + np.roll(w, -1) - w0) * cross).sum() / 3 / cross.sum() + w0 for w, w0 in ((x, x0), (y, y0))]
+    here, up = pose.apply(np.zeros((1, 3))), pose.rotate([[0.0, 0, 1]])
+    form = pose.rotate_form(np.diag([*shape, 0])[None] / large)
+    bent = imaged_ellipse(camera, here, 2 * up, radius, form)
+    flat = imaged_ellipse(camera, here, up, radius)
+    np.testing.assert_allclose(bent.xy[0], middle, atol=1e-3)
+    assert np.linalg.norm(flat.xy[0] - middle) > 0.015
+
+
+def test_curvature_has_one_form_a_disc():
+    with pytest.raises(ValueError, match=r"curvature_cam must be \(1, 3, 3\)"):
+        imaged_ellipse(Camera((100, 100), 100.0), [[0, 0, 5.0]], [[0, 0, -1.0]], 0.1, np.zeros((3, 3)))

@@ -340,3 +340,20 @@ def test_bad_input(make_plate, tilted_view, lens):
 
 def _none():
     return MarkerSet.make([], np.zeros((0, 3)), radius=np.zeros(0), normal=np.zeros((0, 3)))
+
+
+@pytest.mark.parametrize("tilt", [30.0, 60.0])
+def test_a_disc_on_a_tube_is_laid_round_it(make_plate, tilted_view, lens, tilt):
+    """Its area and centroid are those of the truth, 0.05 to 0.2 px beside a flat one's, whatever the mesh under it."""
+    world = make_plate([[-40, 0], [0, 0], [30, 25], [10.3, -31.6], [-22.4, 17.7]], radius=4.0)
+    world = replace(world, markers=replace(world.markers, curvature=np.tile(np.diag([1 / 40, 0, 0]), (5, 1, 1))))
+    t = (r := render(world, lens, tilted_view(tilt))).markers
+    flat = marker_truth(replace(world.markers, curvature=np.zeros((5, 3, 3))), lens, tilted_view(tilt))
+    error = []
+    for k in range(5):
+        x, y = np.rint(t.xy[k]).astype(int)
+        dark = (1 - r.image[y - 8 : y + 9, x - 8 : x + 9]) / 0.8
+        assert dark.sum() == pytest.approx(np.pi * t.axes_px[k].prod(), rel=4e-3)
+        error.append(centroid(dark) + [x - 8, y - 8] - t.ellipse_xy[k])
+        assert np.linalg.norm(flat.ellipse_xy[k] - t.ellipse_xy[k]) > 0.05
+    assert np.sqrt(np.mean(np.square(error))) < 6e-3

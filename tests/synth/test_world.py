@@ -31,6 +31,10 @@ def test_rigid_motion_moves_the_model_and_not_the_wall(world):
     model = world.markers.role == "model"
     np.testing.assert_allclose(moved.markers.xyz[model], pose.apply(world.markers.xyz[model]), atol=1e-12)
     np.testing.assert_allclose(moved.markers.normal[model], pose.rotate(world.markers.normal[model]), atol=1e-12)
+    bent = replace(world.markers, curvature=np.tile(np.diag([0.02, -0.01, 0.03]), (len(model), 1, 1)))
+    turned = replace(world, markers=bent).moved(pose).markers.curvature
+    np.testing.assert_allclose(turned[model], pose.rotate_form(bent.curvature[model]), atol=1e-12)
+    np.testing.assert_array_equal(turned[~model], bent.curvature[~model])
     np.testing.assert_array_equal(moved.markers.xyz[~model], world.markers.xyz[~model])
     np.testing.assert_allclose(moved.dirt.center, pose.apply(world.dirt.center), atol=1e-12)
     np.testing.assert_array_equal(moved.rest_vertices, world.mesh.vertices)

@@ -82,7 +82,8 @@ def eccentricities(job: Job, state: NetworkState, normal: Array, radius: Array) 
         p = obs.point[mine]
         known = np.isfinite(normal[p]).all(axis=1) & np.isfinite(radius[p])
         mine, p = mine[known], p[known]
-        seen = imaged_ellipse(camera, pose.apply(state.points[p]), pose.rotate(normal[p]), radius[p])
+        form = pose.rotate_form(job.markers.curvature[p])
+        seen = imaged_ellipse(camera, pose.apply(state.points[p]), pose.rotate(normal[p]), radius[p], form)
         out[mine] = np.where(np.isfinite(seen.eccentricity_px), seen.eccentricity_px, 0.0)
     return out
 

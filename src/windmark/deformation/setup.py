@@ -147,12 +147,16 @@ class Task:
             return out
         motion: Pose = values[MOTION]
         place = self.tunnel_place(values)
+        form = self.markers.curvature
         now = np.where(self.wall[:, None], normal, motion.rotate(normal))
+        bent = np.where(self.wall[:, None, None], form, motion.rotate_form(form))
         for v, view in enumerate(self.views):
             own = np.flatnonzero((self.observations.view == v) & disc[self.observations.point])
             rows, pose = self.observations.point[own], values[pose_block(view.name)]
             camera = values[camera_block(view.camera)]
-            seen = imaged_ellipse(camera, pose.apply(place[rows]), pose.rotate(now[rows]), radius[rows])
+            seen = imaged_ellipse(
+                camera, pose.apply(place[rows]), pose.rotate(now[rows]), radius[rows], pose.rotate_form(bent[rows])
+            )
             out[own] = np.where(np.isfinite(seen.eccentricity_px), seen.eccentricity_px, 0.0)
         return out
 

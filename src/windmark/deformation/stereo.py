@@ -107,11 +107,14 @@ def marker_places(
     xy[observations.view, row.ravel()], cov[observations.view, row.ravel()] = observations.xy, observations.cov
     cams = [known[v.camera] for v in views]
     found = triangulate(cams, poses, xy, cov)
-    radius, normal = markers.radius[marker], markers.normal[marker]
+    radius, normal, curvature = markers.radius[marker], markers.normal[marker], markers.curvature[marker]
     disc = found.valid & np.isfinite(radius) & np.isfinite(normal).all(axis=1)
     if disc.any():
         for v, (camera, pose) in enumerate(zip(cams, poses, strict=True)):
-            seen = imaged_ellipse(camera, pose.apply(found.xyz[disc]), pose.rotate(normal[disc]), radius[disc])
+            seen = imaged_ellipse(
+                camera, pose.apply(found.xyz[disc]), pose.rotate(normal[disc]), radius[disc],
+                pose.rotate_form(curvature[disc]),
+            )  # fmt: skip
             xy[v, disc] -= np.nan_to_num(seen.eccentricity_px)
         found = triangulate(cams, poses, xy, cov)
     return MarkerPlaces(marker, found.xyz, found.cov, found.views, found.rms_px, found.reason)

@@ -1,6 +1,7 @@
 """Pure maths on arrays: rotations, poses, cameras and the solvers built from them. Knows no marker."""
 
 from windmark.geometry.camera import PARAMETERS, Camera
+from windmark.geometry.curvature import surface_curvature
 from windmark.geometry.discs import ImagedEllipse, imaged_ellipse
 from windmark.geometry.errors import DegenerateGeometry
 from windmark.geometry.p3p import P3PSolutions, p3p
@@ -44,5 +45,6 @@ __all__ = [
     "p4pf",
     "relative_pose_refine",
     "sampson_distance",
+    "surface_curvature",
     "triangulate",
 ]

@@ -13,9 +13,10 @@ from windmark.geometry._kernels import project_point
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def image_discs(
-    c: Any, center: Any, normal: Any, radius: Any, derivative: Any, xy: Any, center_xy: Any, axes: Any, angle: Any
-) -> None:
-    """Fill `ImagedEllipse`'s columns for discs (N, 3), (N, 3), (N,) in a camera ``c = Camera.packed()``.
+    c: Any, center: Any, normal: Any, radius: Any, curvature: Any, derivative: Any, xy: Any, center_xy: Any, axes: Any,
+    angle: Any,
+) -> None:  # fmt: skip
+    """Fill `ImagedEllipse`'s columns for discs (N, 3), (N, 3), (N,), (N, 3, 3) in a camera ``c = Camera.packed()``.
 
     `derivative` (P, P) of a periodic function by its P samples, times the step.
     """
@@ -34,9 +35,17 @@ def image_discs(
         ax, ay, az = size * ax, size * ay, size * az
         bx, by, bz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
         mx = my = 0.0
+        aa = ab = bb = 0.0  # the curvature's form of the two
+        for i in range(3):
+            la = curvature[k, i, 0] * ax + curvature[k, i, 1] * ay + curvature[k, i, 2] * az
+            lb = curvature[k, i, 0] * bx + curvature[k, i, 1] * by + curvature[k, i, 2] * bz
+            a_i, b_i = (ax, bx) if i == 0 else (ay, by) if i == 1 else (az, bz)
+            aa, ab, bb = aa + a_i * la, ab + b_i * la, bb + b_i * lb
         for i in range(count):
             co, si = math.cos(step * i), math.sin(step * i)
-            x[i], y[i], _ = project_point(c, px + co * ax + si * bx, py + co * ay + si * by, pz + co * az + si * bz)
+            deep = 0.5 * (co * co * aa + 2.0 * co * si * ab + si * si * bb)  # below the tangent plane
+            qx, qy, qz = px + co * ax + si * bx, py + co * ay + si * by, pz + co * az + si * bz
+            x[i], y[i], _ = project_point(c, qx - deep * nx, qy - deep * ny, qz - deep * nz)
             mx, my = mx + x[i] / count, my + y[i] / count
         area = fx = fy = xx = yy = cross = 0.0
         for i in range(count):

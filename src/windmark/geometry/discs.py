@@ -1,8 +1,9 @@
-"""The image of a flat disc: an ellipse whose centre is not the image of the disc's centre.
+"""The image of a disc: an ellipse whose centre is not the image of the disc's centre.
 
 What a detector measures is the centre of the ellipse; what an adjustment wants is where the disc's centre is imaged.
-The difference, the eccentricity, is about r^2 sin(2 tilt) / (2 f) pixels for a disc of r pixels: it is the camera
-model's business, where normal and radius are known, and detectors leave it alone.
+The difference, the eccentricity, is about r^2 sin(2 tilt) / (2 f) pixels for a flat disc of r pixels, and r^2 sin(tilt)
+/ (2 R) for one on a sphere of R pixels, whose rim lies below its centre: it is the camera model's business, where
+normal, radius and curvature are known, and detectors leave it alone.
 """
 
 from __future__ import annotations
@@ -48,8 +49,10 @@ class ImagedEllipse:
         return self.xy - self.center_xy
 
 
-def imaged_ellipse(camera: Camera, xyz_cam: ArrayLike, normal_cam: ArrayLike, radius: ArrayLike) -> ImagedEllipse:
-    """Images of flat discs.
+def imaged_ellipse(
+    camera: Camera, xyz_cam: ArrayLike, normal_cam: ArrayLike, radius: ArrayLike, curvature_cam: ArrayLike | None = None
+) -> ImagedEllipse:
+    """Images of discs that lie flat or on a curved surface.
 
     Area, first and second moments of the image are integrals along its outline (Green's theorem); the periodic
     trapezoid rule with the outline's derivative by Fourier makes them exact to rounding for the conic of a pinhole
@@ -60,6 +63,8 @@ def imaged_ellipse(camera: Camera, xyz_cam: ArrayLike, normal_cam: ArrayLike, ra
     camera : the camera
     xyz_cam, normal_cam : (N, 3) centres and normals in the camera's frame, normals of any length and sign
     radius : (N,) or one number, length unit of xyz_cam
+    curvature_cam : (N, 3, 3) second fundamental form of the surface, one over the length unit: what is d away from the
+        centre along the tangent plane lies d C d / 2 below it, against the normal. None: flat
 
     Returns
     -------
@@ -77,6 +82,9 @@ def imaged_ellipse(camera: Camera, xyz_cam: ArrayLike, normal_cam: ArrayLike, ra
     r = np.asarray(radius, dtype=float)
     if r.shape not in ((), (len(center),)):
         raise ValueError(f"imaged_ellipse: radius must be one number or {len(center)}, got shape {r.shape}")
+    form = np.zeros((len(center), 3, 3)) if curvature_cam is None else np.asarray(curvature_cam, dtype=float)
+    if form.shape != (len(center), 3, 3):
+        raise ValueError(f"imaged_ellipse: curvature_cam must be ({len(center)}, 3, 3), got {form.shape}")
     with np.errstate(invalid="ignore"):
         far = not (r >= FAR * np.linalg.norm(center, axis=1)).any()
     count = FEW_POINTS if far else POINTS
@@ -86,8 +94,8 @@ def imaged_ellipse(camera: Camera, xyz_cam: ArrayLike, normal_cam: ArrayLike, ra
     out = ImagedEllipse(np.empty((total, 2)), np.empty((total, 2)), np.empty((total, 2)), np.empty(total))
     image_discs(
         camera.packed(), np.ascontiguousarray(center), np.ascontiguousarray(normal),
-        np.ascontiguousarray(np.broadcast_to(r, total)), _derivative(count), out.xy, out.center_xy, out.axes_px,
-        out.angle,
+        np.ascontiguousarray(np.broadcast_to(r, total)), np.ascontiguousarray(form), _derivative(count), out.xy,
+        out.center_xy, out.axes_px, out.angle,
     )  # fmt: skip
     return out
 

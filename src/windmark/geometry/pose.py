@@ -184,6 +184,12 @@ class Pose:
         """Turn directions (no translation), same shapes as `apply`."""
         return np.asarray(vectors, dtype=float) @ np.swapaxes(self.rotation, -1, -2)
 
+    def rotate_form(self, forms: ArrayLike) -> Array:
+        """Turn bilinear forms (N, 3, 3), covariances or curvatures of N points, with a single pose."""
+        if self.rotation.ndim != 2:
+            raise ValueError("Pose.rotate_form: expected a single pose, this is a batch")
+        return np.asarray(self.rotation @ np.asarray(forms, dtype=float) @ self.rotation.T)
+
     def angle_to(self, other: Pose) -> Array:
         """Angle in radians of the rotation between two poses, in [0, pi]."""
         rel = np.swapaxes(self.rotation, -1, -2) @ other.rotation

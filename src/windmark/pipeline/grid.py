@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from windmark import io, resection
 from windmark.errors import WindmarkError
-from windmark.geometry import Camera, Pose
+from windmark.geometry import Camera, Pose, surface_curvature
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project_entries import GridEntry
-from windmark.scene import Mesh
+from windmark.scene import MarkerSet, Mesh
 
 
 def read_grid(entry: GridEntry, lengths: Lengths, cameras: Sequence[tuple[Camera, Pose]] = ()) -> Mesh:
@@ -43,3 +44,11 @@ def oriented(mesh: Mesh, entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]
     ``cameras`` with their poses tell the air side of what they see: the inside of walls, the outside of the model.
     """
     return mesh if entry.orientation == "file" else resection.orient_outward(mesh, cameras=cameras)
+
+
+def with_curvature(markers: MarkerSet, mesh: Mesh | None) -> MarkerSet:
+    """The markers with the curvature of the surface that they lie on: their discs' images are not centred on them."""
+    if mesh is None:
+        return markers
+    form = surface_curvature(mesh.vertices, mesh.triangles, markers.xyz, markers.normal, markers.radius)
+    return replace(markers, curvature=form)

@@ -13,7 +13,7 @@ from windmark import io
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, silent
 from windmark.pipeline.framing import frame_views
-from windmark.pipeline.grid import oriented, read_surface
+from windmark.pipeline.grid import oriented, read_surface, with_curvature
 from windmark.pipeline.instants import locate_together, read_rig
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.locate import Inputs, locate
@@ -70,6 +70,8 @@ def begin(project: Project) -> Begun:
     )
     _check_labels(inputs)
     inputs, walls, notes = _walls_apart(inputs, lengths)
+    if inputs.markers is not None:
+        inputs = replace(inputs, markers=with_curvature(inputs.markers, inputs.mesh))
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
     framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)

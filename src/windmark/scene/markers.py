@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,9 @@ class MarkerSet:
     volume : (N,) str, the volume (body part with its own deformation law) the marker belongs to
     role : (N,) str, one of `ROLES`
     length_unit : of place, sigma and radius: in, ft, mm, cm or m; "" where nothing says it
+    curvature : (N, 3, 3) of the surface at each, one over the length unit: what is d away from the centre along the
+        surface lies d C d / 2 below its tangent plane. Zero where it is flat or not known, as in tables, which do not
+        hold it; `geometry.surface_curvature` takes it from a grid
 
     Only name and xyz are needed; `MarkerSet.make` fills the rest.
 
@@ -58,16 +61,20 @@ class MarkerSet:
     volume: NDArray[np.str_]
     role: NDArray[np.str_]
     length_unit: str = ""
+    curvature: Array = field(default_factory=lambda: np.zeros(0), repr=False)
 
     def __post_init__(self) -> None:
         n = len(self.name)
-        for field, shape in (("xyz", (n, 3)), ("sigma", (n, 3)), ("radius", (n,)), ("normal", (n, 3))):
-            got = np.shape(getattr(self, field))
+        if not self.curvature.size:
+            object.__setattr__(self, "curvature", np.zeros((n, 3, 3)))
+        shapes = {"xyz": (n, 3), "sigma": (n, 3), "radius": (n,), "normal": (n, 3), "curvature": (n, 3, 3)}
+        for column, shape in shapes.items():
+            got = np.shape(getattr(self, column))
             if got != shape:
-                raise ValueError(f"MarkerSet: {field} must be {shape} for {n} names, got {got}")
-        for field in ("volume", "role"):
-            if len(getattr(self, field)) != n:
-                raise ValueError(f"MarkerSet: {field} must have {n} entries, got {len(getattr(self, field))}")
+                raise ValueError(f"MarkerSet: {column} must be {shape} for {n} names, got {got}")
+        for column in ("volume", "role"):
+            if len(getattr(self, column)) != n:
+                raise ValueError(f"MarkerSet: {column} must have {n} entries, got {len(getattr(self, column))}")
         if len(set(self.name.tolist())) < n:
             unique, counts = np.unique(self.name, return_counts=True)
             raise ValueError(f"MarkerSet: name must be unique, more than once: {', '.join(unique[counts > 1][:5])}")

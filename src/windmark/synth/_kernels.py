@@ -19,6 +19,9 @@ from windmark.geometry._kernels import project_point
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
+BENDS = 3
+"""Newton steps to where a ray crosses a curved decal: the next one moves it by less than 1e-6 of its radius."""
+
 
 @nb.njit(cache=True, nogil=True)
 def cast(
@@ -174,8 +177,8 @@ def paint_decals(
 ) -> None:  # fmt: skip
     """Multiply factor (S, n*n) by 1 - contrast * coverage of each decal; set partial (S,) near edges.
 
-    frame : (K, 3, 3) centre, first and second direction in the camera's frame; shape : (K, 6) half sides,
-    outer, inner radius, contrast, gate (largest distance of the hit point from the centre);
+    frame : (K, 3, 3) centre, first and second direction in the camera's frame; shape : (K, 9) half sides,
+    outer, inner radius, contrast, gate (largest distance of the hit point from the centre), curvature ee, ef, ff;
     volume : (K,) code of the decal's volume; code : (T,) code of each triangle's.
     Coverage is that of the sub-pixel's square by the strip between the outline's nearest point and the
     point across: exact up to the outline's curvature within one sub-pixel.
@@ -187,6 +190,8 @@ def paint_decals(
         a, b, outer, inner, contrast, gate = (
             shape[d, 0], shape[d, 1], shape[d, 2], shape[d, 3], shape[d, 4], shape[d, 5],
         )  # fmt: skip
+        ee, ef, ff = shape[d, 6], shape[d, 7], shape[d, 8]
+        steps = 0 if ee == 0.0 and ef == 0.0 and ff == 0.0 else BENDS
         for y in range(boxes[d, 2], boxes[d, 3] + 1):
             for x in range(boxes[d, 0], boxes[d, 1] + 1):
                 s = slot[y, x]
@@ -208,11 +213,23 @@ def paint_decals(
                     # In-plane coordinates of the crossing, and the rectangle's distance with its gradient.
                     rx, ry, rz = z * u - c[0], z * v - c[1], z - c[2]
                     p, q = rx * e[0] + ry * e[1] + rz * e[2], rx * f[0] + ry * f[1] + rz * f[2]
+                    mx, my, mz = nx, ny, nz  # the surface's own normal at the crossing
+                    for _ in range(steps):
+                        # Newton along the ray: how far it is above the surface that lies below the plane.
+                        above = rx * nx + ry * ny + rz * nz + 0.5 * (ee * p * p + 2 * ef * p * q + ff * q * q)
+                        sp, sq = ee * p + ef * q, ef * p + ff * q
+                        mx, my, mz = nx + sp * e[0] + sq * f[0], ny + sp * e[1] + sq * f[1], nz + sp * e[2] + sq * f[2]
+                        slant = mx * u + my * v + mz
+                        z -= above / slant
+                        rx, ry, rz = z * u - c[0], z * v - c[1], z - c[2]
+                        p, q = rx * e[0] + ry * e[1] + rz * e[2], rx * f[0] + ry * f[1] + rz * f[2]
+                    if steps and not slant < 0.0:
+                        continue  # behind the surface's horizon
                     distance, gp, gq = rectangle_distance(p, q, a, b)
                     # The same gradient per pixel: plane coordinates by u and v, then u and v by x and y.
                     gu, gv = gp * e[0] + gq * f[0], gp * e[1] + gq * f[1]
                     ge = gu * u + gv * v + gp * e[2] + gq * f[2]
-                    gu, gv = z * (gu - ge * nx / slant), z * (gv - ge * ny / slant)
+                    gu, gv = z * (gu - ge * mx / slant), z * (gv - ge * my / slant)
                     gx = gu * ray[y, x, 2] + gv * ray[y, x, 4]
                     gy = gu * ray[y, x, 3] + gv * ray[y, x, 5]
                     size = math.hypot(gx, gy)

@@ -1,9 +1,9 @@
-"""Flat shapes painted on surfaces: the markers' discs and everything that is not a marker."""
+"""Shapes painted on surfaces: the markers' discs and everything that is not a marker."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,17 +17,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Decals:
-    """K marks painted on surfaces: flat shapes in the tangent plane, as columns.
+    """K marks painted on surfaces: shapes in the tangent plane, laid on the surface, as columns.
 
-    A decal is what a ray meets where it crosses the decal's plane, if the surface that the ray hits
-    first belongs to the decal's volume and lies near it. So a disc is exactly flat although the
-    mesh under it is not.
+    A decal is what a ray meets where it crosses the decal's own smooth surface (`MarkerSet.curvature`), if the surface
+    that the ray hits first belongs to the decal's volume and lies near it. So a disc is exactly flat, or curved as it
+    says, although the mesh under it has facets.
 
     Parameters
     ----------
     center, normal, direction : (K, 3) centre, unit normal, unit vector of the shape's first side
     half, outer, inner, contrast : (K, 2), (K,), (K,), (K,) the shape, see `marks.Marks`
     volume : (K,) str
+    curvature : (K, 3, 3) as `MarkerSet.curvature`; flat by default
     """
 
     center: Array
@@ -38,6 +39,11 @@ class Decals:
     inner: Array
     contrast: Array
     volume: NDArray[np.str_]
+    curvature: Array = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        if not self.curvature.size:
+            object.__setattr__(self, "curvature", np.zeros((len(self.center), 3, 3)))
 
     def __len__(self) -> int:
         return len(self.center)
@@ -50,7 +56,7 @@ class Decals:
         k = len(markers)
         return Decals(
             markers.xyz, markers.normal, tangent(markers.normal), np.zeros((k, 2)), markers.radius,
-            np.full(k, -1.0), np.full(k, float(contrast)), markers.volume,
+            np.full(k, -1.0), np.full(k, float(contrast)), markers.volume, markers.curvature,
         )  # fmt: skip
 
     @staticmethod

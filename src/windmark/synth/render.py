@@ -137,7 +137,10 @@ class _Painter:
         shape = [decals.half[:, 0], decals.half[:, 1], decals.outer, decals.inner, decals.contrast]
         # A pixel whose centre misses a speck may still hold it: the gate is wider by three pixels' footprint.
         gate = OWN_SURFACE * reach + 3 * center[:, 2] / camera.focal_px
-        self.shape = np.ascontiguousarray(np.column_stack([*(v[facing] for v in shape), gate]))
+        form = pose.rotate_form(decals.curvature[facing])
+        e, f = self.frame[:, 1], self.frame[:, 2]
+        bent = [np.einsum("ki,kij,kj->k", a, form, b) for a, b in ((e, e), (e, f), (f, f))]
+        self.shape = np.ascontiguousarray(np.column_stack([*(v[facing] for v in shape), gate, *bent]))
         self.volume = screen.volume_code(decals.volume[facing])
         self.boxes = _decal_boxes(camera, self.frame, reach)
 

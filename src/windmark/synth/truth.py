@@ -75,7 +75,7 @@ def marker_truth(
     tilt = np.arccos(np.clip(toward, -1, 1))
     facing = ~(toward <= 0) & (center[:, 2] > 0)
     in_image = camera.in_image(xy)
-    seen = imaged_ellipse(camera, center, normal, markers.radius)
+    seen = imaged_ellipse(camera, center, normal, markers.radius, cam_from_markers.rotate_form(markers.curvature))
     if mesh is not None and screen is None:
         screen = Screen.of(mesh, camera, cam_from_markers, Rays.of(camera).bend)
     fraction = _fractions(markers, camera, center, normal, facing, screen)

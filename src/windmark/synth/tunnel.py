@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import UsageError
-from windmark.geometry import Camera, Pose
+from windmark.geometry import Camera, Pose, surface_curvature
 from windmark.scene import MarkerSet, Mesh, View
 from windmark.synth.decals import Decals
 from windmark.synth.degrade import Sensor
@@ -203,7 +203,10 @@ def _scene(
     markers = layout(shape, patches, _stream(seed, 1))
     if not len(markers):
         raise UsageError("wind_tunnel: layout must give at least one marker")
-    world = World(shape.mesh(nodes), markers, paint)
+    mesh = shape.mesh(nodes)
+    form = surface_curvature(mesh.vertices, mesh.triangles, markers.xyz, markers.normal, markers.radius)
+    markers = replace(markers, curvature=form)
+    world = World(mesh, markers, paint)
     if clutter is None:
         return world
     radius = float(np.median(markers.radius))

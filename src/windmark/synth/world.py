@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
+from windmark.geometry.discs import tangent
 from windmark.scene import MarkerSet, Mesh
 from windmark.synth.decals import Decals
 from windmark.synth.motion import gradient
@@ -130,6 +131,7 @@ class World:
                 markers,
                 xyz=_put(markers.xyz, m, move(markers.xyz[m])),
                 normal=_put(markers.normal, m, turn_normals(markers.xyz[m], markers.normal[m])),
+                curvature=_put(markers.curvature, m, _turned(markers.take(m), turn_normals, turn_tangents)),
             ),
             dirt=replace(
                 dirt,
@@ -140,6 +142,19 @@ class World:
             rest=self.rest_vertices,
             tunnel_from_model=pose,
         )
+
+
+def _turned(
+    markers: MarkerSet, turn_normals: Callable[[Array, Array], Array], turn_tangents: Callable[[Array, Array], Array]
+) -> Array:
+    """(N, 3, 3) the markers' curvature, turned with their normals and tangents; what a law adds to it is left out."""
+    first, up = tangent(markers.normal), turn_normals(markers.xyz, markers.normal)
+    along = turn_tangents(markers.xyz, first)
+    along -= (along * up).sum(axis=1, keepdims=True) * up
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    before = np.stack([first, np.cross(markers.normal, first), markers.normal], axis=-1)
+    turn = np.stack([along, np.cross(up, along), up], axis=-1) @ np.swapaxes(before, -1, -2)
+    return np.asarray(turn @ markers.curvature @ np.swapaxes(turn, -1, -2))
 
 
 def _put(values: Array, where: NDArray[np.bool_], new: Array) -> Array:

@@ -66,7 +66,8 @@ def from_camera(
     ray = -center / np.linalg.norm(center, axis=1, keepdims=True)
     facing = np.asarray(~((normal * ray).sum(axis=1) <= OBLIQUE_COS) & (center[:, 2] > 0))
     has_normal = np.isfinite(normal)
-    seen = imaged_ellipse(camera, center, np.where(has_normal, normal, ray), markers.radius)
+    form = cam_from_markers.rotate_form(markers.curvature)
+    seen = imaged_ellipse(camera, center, np.where(has_normal, normal, ray), markers.radius, form)
     known = np.asarray(np.isfinite(seen.xy).all(axis=1))
     unsized = facing & ~np.isfinite(markers.radius)
     if radius_px is None and unsized.any():

@@ -46,12 +46,15 @@ def _others(markers: MarkerSet) -> list[tuple[Cause, MarkerSet, str]]:
     """Cause, changed table, and the sentence where it is registered and the table is not."""
     turned = np.array([-1.0, 1.0, 1.0])
     out: list[tuple[Cause, MarkerSet, str]] = [(
-        "mirrored", replace(markers, xyz=markers.xyz * turned, normal=markers.normal * turned),
+        "mirrored", replace(
+            markers, xyz=markers.xyz * turned, normal=markers.normal * turned,
+            curvature=markers.curvature * np.outer(turned, turned),
+        ),
         "the mirror image of the table explains {}, the table does not: the picture or the table is mirrored",
     )]  # fmt: skip
     if np.isfinite(markers.normal).any():
         out.append((
-            "discs", replace(markers, normal=-markers.normal),
+            "discs", replace(markers, normal=-markers.normal, curvature=-markers.curvature),
             "with their normals turned round the markers explain {}, as they are they do not: the normals of the table "
             "point into the model",
         ))  # fmt: skip

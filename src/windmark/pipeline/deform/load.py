@@ -16,7 +16,7 @@ from windmark.errors import WindmarkError, g3
 from windmark.geometry import Camera, Pose
 from windmark.io.errors import reading
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry, no_law
-from windmark.pipeline.grid import read_grid
+from windmark.pipeline.grid import read_grid, with_curvature
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.likely_unit import likely_unit
 from windmark.pipeline.walls import wall_volumes, walls_note, without
@@ -66,6 +66,7 @@ def load(project: DeformProject) -> Loaded:
     # The grid is that of the model where it stands without load: near enough to know which side the cameras see.
     posed = [(s.camera, s.cam_from_tunnel) for s in rig]
     mesh, walls = _grid(project, posed, lengths)
+    markers = with_curvature(markers, mesh)
     volumes, remarks = volumes_of(project, markers)
     remarks += walls
     remarks += [f"{c.file}: {note}" for c in project.camera if (note := lengths.camera(c.file).note)]

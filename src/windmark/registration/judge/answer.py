@@ -142,6 +142,9 @@ def _eccentricity(best: Solution, c: int, discs: NDArray[np.bool_]) -> Array:
     off = np.zeros((len(discs), 2))
     marker = np.flatnonzero(discs & (best.state.match[c] >= 0))
     markers, pose = best.views.planes[c].task.markers.take(marker), best.cam_from_model(c)
-    seen = imaged_ellipse(best.camera(c), pose.apply(markers.xyz), pose.rotate(markers.normal), markers.radius)
+    seen = imaged_ellipse(
+        best.camera(c), pose.apply(markers.xyz), pose.rotate(markers.normal), markers.radius,
+        pose.rotate_form(markers.curvature),
+    )  # fmt: skip
     off[marker] = np.nan_to_num(seen.eccentricity_px)
     return off

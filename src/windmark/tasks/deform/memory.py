@@ -49,6 +49,7 @@ def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:
     return replace(
         markers, xyz=in_tunnel(place, wall, motion),
         normal=np.where(wall[:, None], markers.normal, motion.rotate(markers.normal)),
+        curvature=np.where(wall[:, None, None], markers.curvature, motion.rotate_form(markers.curvature)),
     )  # fmt: skip
 
 
