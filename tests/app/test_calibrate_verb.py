@@ -8,7 +8,7 @@ import pytest
 
 from windmark import io
 from windmark.geometry import Camera, Pose
-from windmark.scene import MarkerCovariance, MarkerSet
+from windmark.scene import MarkerCovariance, MarkerSet, Mesh, structured_triangles
 
 PACKED = r'base64,[A-Za-z0-9+/=]+|<script type="text/plain".*?</script>'
 """Data, in which any letters may stand beside each other."""
@@ -104,6 +104,29 @@ def test_known_markers_with_a_joint_covariance(windmark, plate):
     io.write_marker_covariance(folder / "other.csv", MarkerCovariance(["m00", "zz"], np.eye(6)))
     done = call(windmark, folder, "--datum", "weighted", "--control-cov", folder / "other.csv")
     assert (done.code, "names 'zz', which the table of markers does not have" in done.err) == (2, True)
+
+
+def test_the_grid_tells_how_discs_are_bent(windmark, plate, undrawn, monkeypatch):
+    """A table of discs on a dome: the adjustment has its curvature. A board is flat."""
+    from windmark.app import calibrate_verb
+
+    folder, given, solve = plate[2], [], calibrate_verb._from_table
+    monkeypatch.setattr(calibrate_verb, "_from_table", lambda *a: (given.append(a[2]), solve(*a))[1])
+    rough = io.read_markers(folder / "rough.csv")
+    size = np.ptp(rough.xyz[:, :2])
+    x, y = np.meshgrid(np.linspace(-size, size, 41), np.linspace(-size, size, 41))
+    dome = np.column_stack([x.ravel(), y.ravel(), -(x**2 + y**2).ravel() / (20 * size)])
+    io.write_mesh(folder / "dome.stl", Mesh.make(dome, structured_triangles(41, 41)))
+    on = np.column_stack([rough.xyz[:, :2], -(rough.xyz[:, :2] ** 2).sum(axis=1) / (20 * size)])
+    up = np.column_stack([on[:, :2] / (10 * size), np.ones(len(on))])
+    table = MarkerSet.make(rough.name, on, radius=size / 20, normal=up)
+    io.write_markers(folder / "rough.csv", table)
+    call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
+    bend = np.linalg.eigvalsh(given[0].curvature)
+    np.testing.assert_allclose(bend[:, 1:] * 10 * size, 1, atol=0.1)
+    done = windmark("calibrate", folder / "matches.csv", "--board", 3, "--unit", "mm", "-g", folder / "dome.stl")
+    assert done.code == 2
+    assert "a board is flat" in done.err
 
 
 def test_datum_has_no_default(windmark, plate):

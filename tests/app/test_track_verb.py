@@ -19,6 +19,7 @@ def folder(tmp_path_factory):
     test = synth.wind_tunnel(4, size_px=(800, 640), nodes=8_000, sensor=None)
     io.write_camera(place / "camera.json", test.cameras["cam1"])
     io.write_markers(place / "markers.csv", test.markers)
+    io.write_mesh(place / "model.grid", test.mesh)
     for k, (image, _) in enumerate(synth.tunnel_sequence(test, synth.swinging(FRAMES), seed=4)):
         io.write_image(place / f"f{k}.tif", np.zeros_like(image) if k == 3 else image)
     return place
@@ -41,16 +42,25 @@ def asked(folder, *more):
     )
 
 
-def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_path):
-    out = tmp_path / "out"
-    done = windmark(*asked(folder, "-o", out, "--json"))
+def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_path, monkeypatch):
+    from windmark.app import track_verb
+
+    out, bent, take = tmp_path / "out", [], track_verb.follow_series
+
+    def follow_series(place, images, markers, *rest, **more):
+        bent.append(markers.curvature.any(axis=(1, 2)))
+        return take(place, images, markers, *rest, **more)
+
+    monkeypatch.setattr(track_verb, "follow_series", follow_series)
+    done = windmark(*asked(folder, "-g", folder / "model.grid", "-o", out, "--json"))
     assert done.code == 0
+    assert bent[0].mean() > 0.8  # of wing and body, by the grid
     assert done.json["lost"] == 1
     manifest = io.read_json(out / "manifest.json")
     assert (manifest["verb"], manifest["refused"]) == ("track", False)
     assert (manifest["options"]["radius"], manifest["options"]["unit"]) == ([2.5], "mm")
     inputs = [Path(os.path.normpath(out / entry["file"])) for entry in manifest["inputs"]]
-    assert inputs == sorted(p for p in folder.iterdir() if p.suffix in (".csv", ".json", ".tif"))
+    assert inputs == sorted(p for p in folder.iterdir() if p.suffix in (".csv", ".grid", ".json", ".tif"))
     assert set(manifest["outputs"]) == {p.name for p in out.iterdir()} - {"manifest.json"}
     assert list(done.json["lost_images"]) == ["f3.tif"]
     assert {p.name for p in out.iterdir()} == {

@@ -201,3 +201,35 @@ def test_radii_that_differ_are_lent_to_nobody():
     radius = np.array([10.0, 10.1, 9.9, 10.05, np.nan, 25.0, 10.0])
     np.testing.assert_allclose(with_common_radius(radius)[4], 10.0, atol=0.1)
     assert with_common_radius(radius)[5] == 25.0
+
+
+@pytest.mark.parametrize("how", ["table", "auto"])
+def test_the_surface_s_curvature_is_taken_off(how):
+    """Discs on tubes of four times their radius; the table is in another frame than the cameras' start."""
+    case, normal, _, _, _ = pictures(73, noise=0.0)
+    rng, net = np.random.default_rng(5), case.network
+    round_it = np.cross(normal, rng.normal(size=normal.shape))
+    round_it /= np.linalg.norm(round_it, axis=1, keepdims=True)
+    form = round_it[:, :, None] * round_it[:, None, :] / (4 * RADIUS)
+    xy = net.xy + rng.normal(0, 0.01, net.xy.shape)
+    for v in range(VIEWS):
+        mine, pose = net.view == v, Pose(case.truth.frames.rotation[v], case.truth.frames.translation[v])
+        p = net.point[mine]
+        xy[mine] += imaged_ellipse(
+            networks.CAMERA, pose.apply(case.truth.points[p]), pose.rotate(normal[p]), RADIUS, pose.rotate_form(form[p])
+        ).eccentricity_px
+    turn = Pose.from_rotvec([0.5, -0.8, 1.1], np.zeros(3))
+    names = [f"m{k:02d}" for k in range(COUNT)]
+    flat = MarkerSet.make(names, turn.apply(case.start.points), radius=RADIUS, normal=turn.rotate(normal))
+    bent = replace(flat, curvature=turn.rotate_form(form))
+    observations, off = Observations(net.view, net.point, xy, np.tile(1e-4 * np.eye(2), (len(xy), 1, 1))), {}
+    camera, views = {"cam": Camera((1500, 1000), 1600.0)}, [View(f"v{v:02d}", "cam") for v in range(VIEWS)]
+    for name, table in (("flat", flat), ("bent", bent)):
+        result = self_calibrate(
+            observations, table, camera, views,
+            datum=Free(), eccentricity=how, reject=False, max_sigma0=50.0,
+        )  # fmt: skip
+        assert result
+        fit = align(result.markers.xyz, case.truth.points)
+        off[name] = np.sqrt(((fit.apply(result.markers.xyz) - case.truth.points) ** 2).sum(axis=1).mean())
+    assert off["bent"] < 0.1 * off["flat"], off

@@ -36,11 +36,11 @@ def on_tube(count=8):
     return RADIUS * normal + np.outer(rng.uniform(20, 180, count), [0, 1, 0]), normal
 
 
-@pytest.mark.parametrize(("step_deg", "along", "most"), [(2, 2, 0.01), (2, 20, 0.01), (10, 5, 0.03), (10, 200, 0.3)])
+@pytest.mark.parametrize(("step_deg", "along", "most"), [(2, 2, 0.01), (0.5, 20, 0.01), (10, 5, 0.05), (10, 200, 0.3)])
 @pytest.mark.parametrize("inside_out", [False, True])
 def test_cylinder(step_deg, along, most, inside_out):
-    """Also where cells are a tenth of its radius wide and as long as it is, and where the grid's triangles are
-    clockwise.
+    """Also where cells are forty times as long as they are wide, so that the nearest nodes are in one line, or large as
+    the markers' distance from each other, and where the grid's triangles are clockwise.
     """
     nodes, triangles = tube(step_deg, along)
     xyz, normal = on_tube()

@@ -34,6 +34,7 @@ from windmark.pipeline.calibrate import (
     write_calibration,
 )
 from windmark.pipeline.clock import Clock
+from windmark.pipeline.grid import with_curvature
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.verdict import Verdict
 from windmark.pipeline.verdict.network import calibrate_verdict
@@ -63,6 +64,7 @@ class Files:
     against : folder of another calibration of the same markers
     output : folder of the results
     control_cov : table of the joint covariance of known markers
+    grid : the surface that the markers lie on
     """
 
     inputs: tuple[io.PictureFile, ...]
@@ -78,6 +80,7 @@ class Files:
     against: Path | None
     output: Path
     control_cov: Path | None = None
+    grid: Path | None = None
 
     def __post_init__(self) -> None:
         if self.cameras and (self.focal_px is not None or self.size_px is not None):
@@ -85,6 +88,8 @@ class Files:
         Lengths(self.unit)
         if (self.markers is None) == (self.board is None):
             raise UsageError("expected either --markers with rough coordinates, or --board with the pitch of a board")
+        if self.grid is not None and self.markers is None:
+            raise UsageError("--grid is the surface of a model's markers: a board is flat")
         if self.patterns and self.cameras and set(self.patterns) != set(self.cameras):
             raise UsageError(f"--images-of is for the cameras {', '.join(self.patterns)}, --camera for "
                              f"{', '.join(self.cameras)}; expected the same")  # fmt: skip
@@ -167,6 +172,8 @@ def _solve(
     assert files.markers is not None
     lengths = files.lengths
     markers = lengths.markers(files.markers, **({"roles": files.roles} if files.roles else {}))
+    if files.grid is not None:
+        markers = with_curvature(markers, lengths.mesh(files.grid))
     if files.control_cov is not None:
         settings = _known_together(settings, lengths.covariance(files.control_cov, markers))
     if not tables:

@@ -20,6 +20,7 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.errors import g3
 from windmark.geometry import Camera
+from windmark.pipeline.grid import with_curvature
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.same_run import made_with
 from windmark.pipeline.track_files import FollowOptions, first_state
@@ -55,6 +56,7 @@ class Wishes:
     frames: Path | None
     mask: Path | None
     output: Path
+    grid: Path | None = None
 
 
 def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], go_on: str, as_json: bool) -> None:
@@ -66,6 +68,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     unit, lengths = wishes.unit, Lengths(wishes.unit)
     roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
     markers, camera = lengths.markers(wishes.markers, roles), console.read_lens(wishes.camera)
+    markers = with_curvature(markers, None if wishes.grid is None else lengths.mesh(wishes.grid))
     prior = None if wishes.prior is None else lengths.camera(wishes.prior).cam_from_model
     console.notes(lengths)
     if wishes.prior is not None and prior is None:
@@ -107,7 +110,7 @@ def _made_with(wishes: Wishes, options: Record, change: tuple[float, float]) -> 
     asked = {words[key]: value for key, value in options.items()}
     asked |= {"--unit": wishes.unit, "--roles": wishes.roles, "--change-deg": change[0], "--change-percent": change[1]}
     files = {"--markers": wishes.markers, "--camera": wishes.camera, "--prior": wishes.prior, "--frames": wishes.frames,
-             "--mask": wishes.mask}  # fmt: skip
+             "--mask": wishes.mask, "--grid": wishes.grid}  # fmt: skip
     return made_with("track", asked, [(key, path) for key, path in files.items() if path is not None])
 
 

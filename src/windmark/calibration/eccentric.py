@@ -44,7 +44,8 @@ def with_eccentricity(
         return solved
     for _ in range(ROUNDS):
         discs = _discs(job, solved) if told else None
-        normal, radius = _table_normals(job, solved), job.markers.radius
+        turn = _table_turned(job, solved)
+        normal, radius, form = job.markers.normal @ turn, job.markers.radius, turn.T @ job.markers.curvature @ turn
         if max(ratio := radii_off(job.markers, discs), 1 / ratio) > RADII_OFF:
             return replace(solved, discs=discs)  # no correction by such radii
         if discs is not None:
@@ -53,7 +54,7 @@ def with_eccentricity(
         if how == "auto":
             radius = with_common_radius(radius)
             normal = all_normals(solved.state.points, normal, _towards_cameras(job, solved))
-        new = eccentricities(job, solved.state, normal, radius)
+        new = eccentricities(job, solved.state, normal, radius, form)
         solved = replace(solved, discs=discs)
         if np.abs(new - shift).max(initial=0.0) < NOTICED_PX:
             break
@@ -74,7 +75,7 @@ def radii_off(markers: MarkerSet, discs: Discs | None) -> float:
     return 1.0 if discs is None else off_by(discs.radius / markers.radius, LEAST)
 
 
-def eccentricities(job: Job, state: NetworkState, normal: Array, radius: Array) -> Array:
+def eccentricities(job: Job, state: NetworkState, normal: Array, radius: Array, form: Array) -> Array:
     """(O, 2) centre of each imaged disc less the image of its centre; zero where normal or radius is unknown."""
     obs, out = job.observations, np.zeros((len(job.observations), 2))
     for v, (camera, pose) in enumerate(views_of(job, state)):
@@ -82,8 +83,8 @@ def eccentricities(job: Job, state: NetworkState, normal: Array, radius: Array) 
         p = obs.point[mine]
         known = np.isfinite(normal[p]).all(axis=1) & np.isfinite(radius[p])
         mine, p = mine[known], p[known]
-        form = pose.rotate_form(job.markers.curvature[p])
-        seen = imaged_ellipse(camera, pose.apply(state.points[p]), pose.rotate(normal[p]), radius[p], form)
+        bent = pose.rotate_form(form[p])
+        seen = imaged_ellipse(camera, pose.apply(state.points[p]), pose.rotate(normal[p]), radius[p], bent)
         out[mine] = np.where(np.isfinite(seen.eccentricity_px), seen.eccentricity_px, 0.0)
     return out
 
@@ -104,15 +105,15 @@ def _discs(job: Job, solved: Solved) -> Discs:
     return Discs(np.where(sure[:, None], found.normal, np.nan), found.radius, found.sigma)
 
 
-def _table_normals(job: Job, solved: Solved) -> Array:
-    """(N, 3) the table's normals in the frame of the network, which a free network may have turned."""
+def _table_turned(job: Job, solved: Solved) -> Array:
+    """(3, 3) ``v @ turn`` is a direction of the table in the frame of the network, which a free one may have turned."""
     chosen = datum_points(job)
     if chosen is None:
-        return job.markers.normal
+        return np.eye(3)
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[job.observations.point[solved.taken]] = True
     fit = align(solved.state.points[chosen & seen], job.markers.xyz[chosen & seen])
-    return job.markers.normal @ fit.rotation
+    return np.asarray(fit.rotation)
 
 
 def _towards_cameras(job: Job, solved: Solved) -> Array:

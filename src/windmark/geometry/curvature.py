@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
-
 Array = NDArray[np.float64]
 
 REACH = 3.0
-"""Radii of a marker within which nodes tell how its surface bends; farther ones only where there are too few."""
-FEWEST, MOST = 12, 100
-"""Nodes for the six numbers of a quadric: at least, and as many as are asked where a grid is fine."""
+"""Radii of a marker within which nodes tell how its surface bends; farther ones only where cells are large."""
+NEAREST, FEWEST, MOST = 3, 9, 100
+"""Nodes whose cells are looked at in any case; nodes for the six numbers of a quadric; as many as a fine grid needs."""
+LIKELY, ROUNDING = 0.1, 1e-4
+"""Radius of a marker over that of its surface, 1 sigma, before the grid is asked; part of the nodes' heights that may
+be rounding."""
 SAME_SIDE = 0.5
 """Cosine between normals from which on a node is on the marker's own side of a thin part."""
 UNTOLD = 0.25
@@ -70,67 +68,86 @@ def surface_curvature(
             f"surface_curvature: expected xyz (N, 3), normal (N, 3) and radius (N,), got {place.shape}, {up.shape} and "
             f"{r.shape}"
         )
-    from scipy.spatial import cKDTree
-
     out = np.zeros((len(place), 3, 3))
     asked = np.flatnonzero(np.isfinite(np.column_stack([place, up, r])).all(axis=1) & (r > 0))
     used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(vertices)))  # others may hold anything
-    if not len(asked) or len(used) < FEWEST:
-        return out
-    tree = cKDTree(vertices[used], balanced_tree=False, compact_nodes=False)
-    near = [_around(tree, place[k], r[k]) for k in asked]
-    normals = _normals(vertices, triangles, used[np.concatenate(near)])
-    for k, some in zip(asked.tolist(), near, strict=True):
-        nodes = used[some]
-        facing = normals[nodes] @ up[k]
-        nodes = nodes[facing * np.sign(facing[0]) > SAME_SIDE]  # a grid may be inside out
-        out[k] = _bend(vertices[nodes] - place[k], up[k], r[k])
+    if len(asked) and len(used) >= FEWEST:
+        grid = _Nodes(vertices, triangles, used)
+        for k in asked.tolist():
+            nodes = grid.around(place[k], up[k], r[k])
+            out[k] = _bend(vertices[nodes] - place[k], up[k], r[k])
     return out
 
 
-def _around(tree: cKDTree, place: Array, radius: float) -> NDArray[np.int64]:
-    """The nodes that tell how the surface bends at a place, the nearest first."""
-    near = np.asarray(tree.query_ball_point(place, REACH * radius), dtype=np.int64)
-    few = np.asarray(tree.query(place, FEWEST)[1])
-    if len(near) <= FEWEST:
-        return few
-    # Drawn: each tenth node of a structured grid may be a row of it.
-    return np.append(few[0], np.random.default_rng(len(near)).permutation(near)[:MOST])
+class _Nodes:
+    """The nodes of a grid, found by place and by the cells that they share."""
 
+    def __init__(self, vertices: Array, triangles: NDArray[np.int32], used: NDArray[np.intp]) -> None:
+        from scipy.spatial import cKDTree
 
-def _normals(vertices: Array, triangles: NDArray[np.int32], nodes: NDArray[np.intp]) -> Array:
-    """(V, 3) unit normals of some of the nodes, zero for the others."""
-    asked = np.zeros(len(vertices), dtype=bool)
-    asked[nodes] = True
-    corners = triangles[asked[triangles].any(axis=1)]
-    a, b, c = (vertices[corners[:, k]] for k in range(3))
-    out, area = np.zeros_like(vertices), np.cross(b - a, c - a)
-    for k in range(3):
-        np.add.at(out, corners[:, k], area)
-    out[~asked] = 0.0
-    length = np.linalg.norm(out, axis=1, keepdims=True)
-    return np.divide(out, length, out=out, where=length > 0)
+        self.vertices, self.triangles, self.used = vertices, triangles, used
+        self.tree = cKDTree(vertices[used], balanced_tree=False, compact_nodes=False)
+        flat = triangles.ravel()
+        self.corner = np.argsort(flat, kind="stable")  # the triangles' corners, node by node
+        self.first = np.searchsorted(flat, np.arange(len(vertices) + 1), sorter=self.corner)
+
+    def around(self, place: Array, normal: Array, radius: float) -> NDArray[np.intp]:
+        """The nodes that tell how the surface bends at a place: those within reach, and two rings of cells.
+
+        Rings, since cells may be twenty times as long as they are wide: the nearest nodes are then in one line.
+        """
+        seed = self.used[self.tree.query(place, NEAREST)[1]]
+        near = self.used[self.tree.query_ball_point(place, REACH * radius)]
+        near = np.random.default_rng(len(near)).permutation(near)[:MOST]  # each tenth may be a row of the grid
+        ring = self._beside(self._beside(seed))
+        nodes = np.unique(np.concatenate([seed, near, ring]))
+        facing = self._normals(nodes) @ normal
+        nearest = facing[np.searchsorted(nodes, seed[0])]
+        return np.asarray(nodes[facing * np.sign(nearest) > SAME_SIDE])  # a grid may be inside out
+
+    def _cells(self, nodes: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(M,) triangles that have a corner at one of some nodes, with the position of that one."""
+        count = self.first[nodes + 1] - self.first[nodes]
+        which = np.repeat(np.arange(len(nodes)), count)
+        at = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + self.first[nodes][which]
+        return self.corner[at] // 3, which
+
+    def _beside(self, nodes: NDArray[np.intp]) -> NDArray[np.intp]:
+        return np.unique(self.triangles[self._cells(nodes)[0]]).astype(np.intp)
+
+    def _normals(self, nodes: NDArray[np.intp]) -> Array:
+        """(K, 3) unit normals, area-weighted means of the triangles."""
+        cell, which = self._cells(nodes)
+        a, b, c = (self.vertices[self.triangles[cell, k]] for k in range(3))
+        area = np.cross(b - a, c - a)
+        total = np.stack([np.bincount(which, area[:, k], len(nodes)) for k in range(3)], axis=1)
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
 
 def _bend(apart: Array, normal: Array, radius: float) -> Array:
     """Second fundamental form (3, 3) from nodes (K, 3), seen from the marker; zero where they do not tell it."""
     flat = np.zeros((3, 3))
-    if len(apart) < FEWEST // 2:
+    if len(apart) < FEWEST:
         return flat
     axes = np.linalg.svd(normal[None])[2][1:]
-    size = np.abs(apart).max()
-    # What is near counts most: a quadric is the beginning of a series.
+    # What is near counts most: a quadric is the beginning of a series. In radii of the disc.
     distance = np.linalg.norm(apart, axis=1)
     weight = 1.0 / (1.0 + (distance / max(radius, np.median(distance) / 2)) ** 2)
-    (u, v), z = axes @ apart.T / size, weight * (apart @ normal) / size
+    (u, v), z = axes @ apart.T / radius, weight * (apart @ normal) / radius
     plane = weight[:, None] * np.column_stack([np.ones_like(u), u, v])
     curved = np.column_stack([plane, weight * 0.5 * u * u, weight * u * v, weight * 0.5 * v * v])
-    fit = np.linalg.lstsq(curved, z, rcond=1e-9)[0]
-    bare = z - plane @ np.linalg.lstsq(plane, z, rcond=1e-9)[0]
-    if abs(fit[0]) * size > radius or np.linalg.norm(z - curved @ fit) >= UNTOLD * np.linalg.norm(bare):
+    left = np.linalg.norm(z - curved @ np.linalg.lstsq(curved, z, rcond=None)[0])
+    bare = np.linalg.norm(z - plane @ np.linalg.lstsq(plane, z, rcond=None)[0])
+    # Likely before the nodes are asked: what they do not tell, spanwise on two rows of them, is flat.
+    noise = max(left / np.sqrt(len(z) - 6), ROUNDING * float(np.abs(z).max()))
+    likely = np.zeros((3, 6))
+    likely[:, 3:] = np.eye(3) * noise / LIKELY
+    fit = np.linalg.lstsq(np.vstack([curved, likely]), np.append(z, np.zeros(3)), rcond=None)[0]
+    if abs(fit[0]) > 1.0 or np.linalg.norm(z - curved @ fit) >= UNTOLD * bare:
         return flat
     # The normal may be a little beside the surface's own: heights over its plane, by the slopes there.
-    form = -np.array([[fit[3], fit[4]], [fit[4], fit[5]]]) / (size * np.sqrt(1.0 + fit[1] ** 2 + fit[2] ** 2))
+    form = -np.array([[fit[3], fit[4]], [fit[4], fit[5]]]) / (radius * np.sqrt(1.0 + fit[1] ** 2 + fit[2] ** 2))
     if np.abs(np.linalg.eigvalsh(form)).max() * radius > 1.0:
         return flat
     return np.asarray(axes.T @ form @ axes)

@@ -7,7 +7,7 @@ from pathlib import Path
 from windmark.app import console
 from windmark.app.commands import calibrate_arguments as a
 from windmark.app.commands.matching_options import Mask, Roles
-from windmark.app.commands.options import Bayer, Channel, Json, MeritMax, OnePolarity, Radius, Seed
+from windmark.app.commands.options import Bayer, Channel, Json, MarkersGrid, MeritMax, OnePolarity, Radius, Seed
 from windmark.options.calibration import (
     ECCENTRICITY,
     MATCH_TIME_S,
@@ -26,6 +26,7 @@ def calibrate(
     inputs: a.Inputs,
     unit: a.Unit,
     markers: a.Markers = None,
+    grid: MarkersGrid = None,
     datum: a.Datum = None,
     control_cov: a.ControlCov = None,
     camera: a.Cameras = None,
@@ -89,6 +90,6 @@ def calibrate(
         files = Files(
             typed.expanded(inputs), markers, dots, tuple(roles or ()), typed.read_cameras(camera or ()),
             typed.parse_patterns(images_of or ()), parse_size(size), focal, unit, sigma_px, against, output,
-            control_cov,
+            control_cov, grid,
         )  # fmt: skip
         run(files, settings, match, as_json)

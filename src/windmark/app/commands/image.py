@@ -42,6 +42,7 @@ from windmark.app.commands.options import (
     GridFile,
     Json,
     Markers,
+    MarkersGrid,
     MeritMax,
     Polarity,
     Radius,
@@ -265,6 +266,7 @@ def track(
     markers: Markers,
     camera: CameraFile,
     unit: Unit,
+    grid: MarkersGrid = None,
     radius: Radius = None,
     polarity: Polarity = POLARITY_OR_AUTO.default,
     merit_max: MeritMax = MERIT_MAX.default,
@@ -296,7 +298,7 @@ def track(
         from windmark.app import track_verb
         from windmark.app.series_folder import how_to_go_on
 
-        wishes = track_verb.Wishes(images, markers, camera, unit, roles, prior, frames, mask, output)
+        wishes = track_verb.Wishes(images, markers, camera, unit, roles, prior, frames, mask, output, grid)
         options = {
             "radius_px": tuple(radius) if radius else None, "polarity": polarity, "merit_max": merit_max,
             "channel": channel, "max_time_s": max_time, "seed": seed,

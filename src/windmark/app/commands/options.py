@@ -28,6 +28,13 @@ CameraFile = Annotated[
 GridFile = Annotated[
     Path, typer.Option("--grid", "-g", help="Surface grid: PLOT3D, STL, OBJ, PLY, VTK.", rich_help_panel=INPUT)
 ]
+MarkersGrid = Annotated[
+    Path | None,
+    typer.Option(
+        "--grid", "-g", rich_help_panel=INPUT,
+        help="The surface that the markers lie on: on curved parts a disc's image is not centred on the disc.",
+    ),
+]  # fmt: skip
 Unit = Annotated[
     str, typer.Option("--unit", help="Length unit of markers and grid: in, ft, mm, cm, m.", rich_help_panel=INPUT)
 ]
