@@ -109,6 +109,12 @@ def test_a_spot_has_one_meaning(viewer, original):
     assert (status, "already" in said["error"]) == (422, True)
     assert viewer.ask("/name", image="wind-off", spot=spot, marker=one)[0] == 200
     assert (list(entry().labels), entry().exclude) == ([one], ())
+    home = matched(viewer)[one]
+    assert viewer.ask("/name", image="wind-off", spot=home, marker=one)[1]["edits"][-1].endswith(
+        f"spot {home} is {one}, which was spot {spot}"
+    )
+    assert list(entry().labels) == [one]
+    assert viewer.ask("/name", image="wind-off", spot=spot, marker=one)[0] == 200
     assert viewer.ask("/free", image="wind-off", spot=spot)[0] == 200
     assert (entry().labels, entry().exclude) == ({}, ())
     status, said = viewer.ask("/free", image="wind-off", spot=spot)

@@ -54,7 +54,8 @@ def _meant(spots: Detections, place: Place, within_px: float) -> int | None:
 
 
 def name_spot(result: RunResult, project: Project, image: str, spot: Any, marker: Any) -> str:
-    """Write that a spot is a marker; what else the file said of this spot goes. Gives what was done, in words.
+    """Write that a spot is a marker, and no other one is; what else the file said of this spot goes. What was done, in
+    words.
 
     Raises
     ------
@@ -72,7 +73,9 @@ def name_spot(result: RunResult, project: Project, image: str, spot: Any, marker
     told = Told.of(entry, item.detections, project.register_.label_distance_px)
     others = [name for name, at in told.labels.items() if at == k and name != marker]
     edit_spots(project.path, image, SpotEdit((marker, place), None, others, _items(told, k)))
-    return f"{image}: spot {k} is {marker}"
+    before = told.labels.get(marker, k)
+    moved = "" if before == k else ", a name that had no spot" if before is None else f", which was spot {before}"
+    return f"{image}: spot {k} is {marker}{moved}"
 
 
 def exclude_spot(result: RunResult, project: Project, image: str, spot: Any) -> str:
