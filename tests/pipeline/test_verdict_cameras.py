@@ -30,7 +30,7 @@ def seen():
     test = synth.wind_tunnel(11, size_px=(1000, 800), nodes=4000, clutter=None)
     shot = test.shot("wind-off").perfect
     use = np.flatnonzero(shot.markers.visible & (test.markers.role == "model"))
-    xy = shot.markers.xy[use] + np.random.default_rng(3).normal(0, 0.01, (len(use), 2))
+    xy = shot.markers.ellipse_xy[use] + np.random.default_rng(3).normal(0, 0.01, (len(use), 2))
     spots = Detections.make(xy, cov=np.tile(np.eye(2) * 1e-4, (len(use), 1, 1)), radius_px=np.full(len(use), 3.0))
     return test.cameras["cam1"], spots, test.markers.take(use)
 

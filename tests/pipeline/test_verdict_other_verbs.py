@@ -155,7 +155,7 @@ def rows(tunnel, **off):
     use = np.flatnonzero(shot.markers.visible & (tunnel.markers.role == "model"))
     other = replace(camera, cov=None, **{k: getattr(camera, k) + v for k, v in off.items()})
     for k in range(3):
-        xy = shot.markers.xy[use] + np.random.default_rng(k).normal(0, 0.01, (len(use), 2))
+        xy = shot.markers.ellipse_xy[use] + np.random.default_rng(k).normal(0, 0.01, (len(use), 2))
         spots = Detections.make(xy, cov=np.tile(np.eye(2) * 1e-4, (len(use), 1, 1)), radius_px=np.full(len(use), 3.0))
         answer = register(spots, tunnel.markers.take(use), other)
         assert answer, answer.reason

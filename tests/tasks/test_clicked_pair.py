@@ -1,9 +1,12 @@
 """A wrong click is named or said to be unchecked, whatever it does to F; without a camera nothing is matched."""
 
+from dataclasses import replace
+
 import clicked_scenes as sweep
 import numpy as np
 import pytest
 
+from windmark.geometry import PARAMETERS
 from windmark.scene import Detections
 from windmark.tasks.clicked_pair import Clicks, clicked_pair
 
@@ -71,3 +74,36 @@ def test_no_spots_and_clicks_beside_them():
     assert found.wrong[3]
     assert not found.unchecked[3]
     assert any("click 3: no spot" in n for n in found.notes)
+
+
+def known(sigma, seed, moved=None):
+    """The pose of a pair by a camera of some covariance; ``moved`` changes the camera that is told."""
+    _, _, spots = sweep.pictures("block", 7, sweep.scenes.CAMERA, 0.05)
+    a, b = (Detections.make(s, sigma_px=0.05) for s in spots)
+    camera = replace(sweep.scenes.CAMERA, cov=None)
+    values = camera.parameters()
+    if moved is not None:
+        camera = camera.with_parameters(values + moved)
+    if sigma is not None:
+        camera = replace(camera, cov=np.diag(sigma**2))
+    clicks = Clicks(spots[0][:12], spots[1][:12], tuple(str(k) for k in range(12)))
+    return clicked_pair(a, b, clicks, (camera, replace(camera)))
+
+
+def test_the_camera_s_covariance_is_in_that_of_the_pose():
+    """Cameras drawn from it turn the pose by what it adds: chi^2/5 of 40 draws, the baseline's length left out."""
+    rng, sigma = np.random.default_rng(3), np.zeros(14)
+    sigma[PARAMETERS.index("focal_px")], sigma[PARAMETERS.index("aspect")], sigma[PARAMETERS.index("cx")] = 8, 2e-3, 6
+    true, exact = known(sigma, 7), known(None, 7)
+    assert not any("no covariance" in note for note in true.notes)
+    assert any("an aspect 1 % off by" in note for note in exact.notes)
+    added = true.pose_cov - exact.pose_cov
+    values, axes = np.linalg.eigh(added)
+    assert (values > -1e-12).all()
+    told = values > 1e-3 * values.max()
+    off = []
+    for _ in range(40):
+        step = (known(None, 7, rng.normal(0, sigma)).pose @ exact.pose.inverse()).log()
+        off.append(((axes[:, told].T @ step) ** 2 / values[told]).mean())
+    assert told.sum() in (2, 3)
+    assert 0.6 < np.mean(off) < 1.6  # of 80 numbers or more: +- 0.16, and to first order

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import g1, g2
 from windmark.geometry import Camera, Pose
-from windmark.geometry.two_view import epipolar_distance
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.lens import INTERIOR, lead_over_scatter, likeliest, prior
 from windmark.pipeline.verdict.reasons import told_by
@@ -17,11 +14,9 @@ from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Detections
 from windmark.scene.detections import middle_sigma
 from windmark.tasks.clicked_pair import ClickedPair, Clicks
+from windmark.tasks.clicked_pair.interior import distances, groups, moved
 
 Array = NDArray[np.float64]
-
-_TURN, _PART = 1e-6, 0.1
-"""Steps of the numerical slopes: of the pose (the baseline being 1), and of the interior in units of its prior."""
 
 
 def pair_verdict(
@@ -81,27 +76,19 @@ def _other_interior(
 ) -> tuple[float, float]:  # fmt: skip
     """Nats that another interior is ahead of scatter, and by how many degrees the pose would turn with it."""
     a, b = spots[0].xy[result.spot_a], spots[1].xy[result.spot_b]
-
-    def distance(first: Camera, second: Camera, step: Pose) -> Array:
-        return epipolar_distance(a, b, first, second, step).sampson_px
-
-    here = distance(*cameras, pose)
-    one = cameras[0] == cameras[1]
-    if len(here) < 5 + 2 * len(INTERIOR) * (1 if one else 2):
+    each = groups(cameras)
+    here, turned = distances(a, b, cameras, pose)
+    if len(here) < 5 + 2 * len(INTERIOR) * len(each):
         return 0.0, 0.0
-    turned = np.stack([(distance(*cameras, Pose.exp(_TURN * d) @ pose) - here) / _TURN for d in np.eye(6)], axis=1)
-    columns = []
-    for which in ((0, 1),) if one else ((0,), (1,)):
-        for name, sigma in zip(INTERIOR, prior(cameras[which[0]]), strict=True):
-            other = [replace(c, **{name: getattr(c, name) + _PART * sigma}) if k in which else c
-                     for k, c in enumerate(cameras)]  # fmt: skip
-            columns.append((distance(other[0], other[1], pose) - here) / _PART)
-    inner = np.stack(columns, axis=1)
+    inner = np.concatenate([
+        moved(a, b, cameras, pose, which, dict(zip(INTERIOR, prior(cameras[which[0]]).tolist(), strict=True)))
+        for which in each
+    ], axis=1)  # fmt: skip
     if not (np.isfinite(inner).all() and np.isfinite(here).all()):
         return 0.0, 0.0
     # The length of the baseline moves nothing: five directions of the six.
     left, value, right = np.linalg.svd(turned / (size := np.linalg.norm(turned, axis=0)))
     free, b_free = left[:, 5:].T @ -here, left[:, 5:].T @ inner
-    moved = left[:, :5].T @ (inner @ likeliest(free, b_free, spot))
-    step = -(right[:5].T @ (moved / value[:5])) / size
+    made_up = left[:, :5].T @ (inner @ likeliest(free, b_free, spot))
+    step = -(right[:5].T @ (made_up / value[:5])) / size
     return lead_over_scatter(free, b_free), float(np.degrees(np.linalg.norm(step[:3])))

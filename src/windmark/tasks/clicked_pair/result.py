@@ -23,7 +23,7 @@ class ClickedPair:
     ----------
     fundamental : (3, 3) on pixels without lens distortion (`ideal_pixels`), norm 1
     epipole_a, epipole_b : (2,) in these pixels
-    pose, pose_cov : b_from_a with a baseline of 1, and its covariance; None without a camera
+    pose, pose_cov : b_from_a with a baseline of 1, and its covariance, `Camera.cov` included; None without a camera
     estimate : what the clicks alone gave without a camera; None with one
     click_a, click_b : (N, 2) places that count: the spots that were meant
     click_px : (N,) signed distance of each click's match from the final geometry

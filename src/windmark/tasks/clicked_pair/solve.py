@@ -12,6 +12,7 @@ from windmark.geometry.two_view import epipoles
 from windmark.scene import Detections
 from windmark.tasks.clicked_pair.clicks import SNAP_PX, Clicks, snapped
 from windmark.tasks.clicked_pair.geometry import Geometry, Job
+from windmark.tasks.clicked_pair.interior import share, unknown_words
 from windmark.tasks.clicked_pair.result import ClickedPair
 
 Array = NDArray[np.float64]
@@ -73,10 +74,15 @@ def clicked_pair(
     shows_px, unchecked, said = _checked(job, geometry, spot_a, spot_b, click, clicks.name)
     click_px = np.full(len(on_spots), np.nan)
     click_px[use] = job.distance(geometry, first, second)
+    pose_cov = geometry.pose_cov
+    if cameras is not None and geometry.pose is not None and pose_cov is not None:
+        matched = spots_a.xy[spot_a], spots_b.xy[spot_b]
+        pose_cov = pose_cov + share(*matched, cameras, geometry.pose)
+        said = (*said, *filter(None, [unknown_words(*matched, cameras, geometry.pose)]))
     with np.errstate(divide="ignore", invalid="ignore"):
         end_a, end_b = (e[:2] / e[2] for e in epipoles(geometry.matrix))
     return ClickedPair(
-        geometry.matrix, end_a, end_b, geometry.pose, geometry.pose_cov, geometry.estimate, xy_a, xy_b, click_px, gone,
+        geometry.matrix, end_a, end_b, geometry.pose, pose_cov, geometry.estimate, xy_a, xy_b, click_px, gone,
         unchecked, shows_px, spot_a, spot_b, click, job.distance(geometry, spot_a, spot_b), geometry.sigma0,
         (*notes, *geometry.notes, *said),
     )  # fmt: skip
