@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import inspect
 import json
 import shutil
 from types import SimpleNamespace
@@ -9,16 +10,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import typer.testing
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from windmark.app.cli import app
 from windmark.app.report import Report
 from windmark.pipeline.simulate_cameras import simulate_cameras
 from windmark.pipeline.simulate_deforming import simulate_deforming
+from windmark.pipeline.simulate_infrared import simulate_infrared
+from windmark.pipeline.simulate_psp import simulate_psp
 from windmark.synth import marker_sheet
 from windmark.synth.render import render
 
 SMALL_FILM_PX = (180, 120)
+SMALL_PX = {simulate_psp: (640, 400), simulate_deforming: (640, 400), simulate_infrared: (480, 384)}
+"""Pictures of a third of the usual pixels, for time; the projects say the markers' radius."""
 
 
 def no_bar(largest, label, height):
@@ -78,6 +84,26 @@ def bending(made_once):
     return copied
 
 
+@pytest.fixture(scope="session")
+def simulated(windmark, made_once, few_flats):
+    """``simulated("--photos", 8)``: a folder as `windmark simulate` makes it, of small pictures; made once."""
+
+    def folder(*options):
+        def make(place):
+            with pytest.MonkeyPatch.context() as patch:
+                for simulate, size in SMALL_PX.items():
+                    usual = inspect.signature(simulate).parameters["size_px"].default
+                    given = tuple(size if value == usual else value for value in simulate.__defaults__)
+                    patch.setattr(simulate, "__defaults__", given)
+                done = windmark("simulate", place / "out", *options)
+            assert done.code == 0, done.err
+            few_flats(place / "out")
+
+        return made_once("simulated" + "".join(map(str, options)), make) / "out"
+
+    return folder
+
+
 @pytest.fixture(scope="module")
 def small_film():
     """Small films for all of a module, where those of its fixtures are compared to the byte with its tests' own."""
@@ -94,10 +120,21 @@ def undrawn():
     """Reports without scenes, with blank pictures and small films, for tests of the numbers: a third of their time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from windmark.app import deform_film
+    from windmark.app import deform_film, deform_report, infrared_pictures, pictures, psp_pictures
+
+    def blank(*_, **__):
+        return Figure(figsize=(1, 1))
+
+    def no_view(*_, **__):
+        return SimpleNamespace(value=None, shade=None)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(FigureCanvasAgg, "draw", FigureCanvasAgg.get_renderer)
+        patch.setattr(pictures, "_names_are_no_formulas", lambda _: None)  # looks at every tick there could be
+        patch.setattr(deform_report, "compared_picture", blank)
+        for module in (infrared_pictures, psp_pictures):
+            patch.setattr(module, "surface_view", no_view)
+            patch.setattr(module, "surface_picture", blank)
         patch.setattr(Report, "drawing", lambda *_, **__: None)
         patch.setattr(Report, "scene", lambda *_, **__: None)
         patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)

@@ -6,6 +6,9 @@ import time
 
 from windmark.pipeline.resume import measured
 
+LOOK_S = 0.01
+"""Between looks at the journal: a small part of what a frame takes, and each look reads all of it."""
+
 
 def in_child(call):
     """Run it in a process of its own that may be killed; what is compiled and imported is there already."""
@@ -23,7 +26,7 @@ def killed_at(folder, frames, call, how=signal.SIGKILL):
     pid = in_child(call)
     end = time.monotonic() + 120
     while measured(folder) < frames and time.monotonic() < end:
-        time.sleep(0.002)
+        time.sleep(LOOK_S)
     os.kill(pid, how)
     os.waitpid(pid, 0)
 

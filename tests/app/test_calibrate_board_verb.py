@@ -54,37 +54,48 @@ def call(windmark, pictures, folder, *more):
     return windmark("calibrate", *pictures, "--board", PITCH, "--unit", "mm", "-o", folder / "out", *more)
 
 
+@pytest.fixture(scope="module")
+def rings(windmark, pictures, tmp_path_factory):
+    """The board by its rings: what the command says, and its folder."""
+    folder = tmp_path_factory.mktemp("rings")
+    return call(windmark, pictures, folder, "--board-marks", "holes:0,0:5,0:0,-2", *FREE, "-r", 8), folder
+
+
+@pytest.fixture(scope="module")
+def plain(windmark, pictures, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plain")
+    return call(windmark, pictures, folder, *FREE, "-r", 8), folder
+
+
 @pytest.mark.parametrize(
     ("marks", "datum"),
     [
-        pytest.param("holes:0,0:5,0:0,-2", "Free network", id="rings", marks=pytest.mark.slow),
-        pytest.param(None, "All markers are held", id="plain"),
+        pytest.param("rings", "Free network", marks=pytest.mark.slow),
+        ("plain", "All markers are held"),
     ],
 )
-def test_pictures_of_a_board_and_its_pitch_are_enough(windmark, pictures, tmp_path, marks, datum):
-    given = ("--board-marks", marks) if marks else ()
-    done = call(windmark, pictures, tmp_path, *given, *FREE, "-r", 8)
+def test_pictures_of_a_board_and_its_pitch_are_enough(request, marks, datum):
+    done, folder = request.getfixturevalue(marks)
     assert done.code == 0, done.err
     assert "6 of 6 pictures matched" in done.out
-    camera, _ = io.read_camera(tmp_path / "out" / "camera.json")
+    camera, _ = io.read_camera(folder / "out" / "camera.json")
     assert abs(camera.focal_px - CAMERA.focal_px) < 4 * np.sqrt(camera.cov[0, 0])
     assert abs(camera.focal_px / CAMERA.focal_px - 1) < 0.005
-    names = io.read_markers(tmp_path / "out" / "markers.csv").name
+    names = io.read_markers(folder / "out" / "markers.csv").name
     assert len(names) >= 60
-    assert ("c-2r-3" in names) == bool(marks)
-    page = (tmp_path / "out" / "report.html").read_text()
+    assert ("c-2r-3" in names) == (marks == "rings")
+    page = (folder / "out" / "report.html").read_text()
     for words in (datum, "as taken, with the lens undone", "Half of the pictures", "Where the pictures were taken"):
         assert words in page
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = json.loads((folder / "out" / "summary.json").read_text())
     assert summary["halves"]["ratio"] > 0
     assert summary["rms_px"] < 0.1
 
 
 @pytest.mark.slow
-def test_the_matches_of_a_board_calibrate_again(windmark, pictures, tmp_path):
-    done = call(windmark, pictures, tmp_path, "--board-marks", "holes:0,0:5,0:0,-2", *FREE, "-r", 8)
-    assert done.code == 0, done.err
-    out = tmp_path / "out"
+@pytest.mark.usefixtures("undrawn")
+def test_the_matches_of_a_board_calibrate_again(windmark, rings, tmp_path):
+    out = rings[1] / "out"
     again = windmark("calibrate", out / "matches.csv", "-m", out / "markers.csv", "--size", "640x480", "--unit", "mm",
                      "--datum", "free", *FREE, "-o", tmp_path / "again")  # fmt: skip
     assert again.code == 0, again.err

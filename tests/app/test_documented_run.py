@@ -6,7 +6,6 @@ that names no such folder goes on where the one before it stands, as a reader do
 """
 
 import glob
-import inspect
 import os
 import re
 import shlex
@@ -15,11 +14,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
-
-from windmark.app.cli import app
-from windmark.pipeline.simulate_deforming import simulate_deforming
-from windmark.pipeline.simulate_psp import simulate_psp
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("docs/tutorial/*.md"))]
@@ -51,26 +45,19 @@ SMALLER = {
     "windmark simulate my-board --board 6": "windmark simulate my-board --board 4",
     "windmark simulate my-run --infrared 40": "windmark simulate my-run --infrared 8",
     "windmark simulate my-model --photos 12": "windmark simulate my-model --photos 8",
-    "windmark simulate my-photos --photos 24": "windmark simulate my-photos --photos 10",
-    "windmark simulate my-swing --deforming 24 --clocks": "windmark simulate my-swing --deforming 8 --clocks",
+    "windmark simulate my-photos --photos 24": "windmark simulate my-photos --photos 8",
+    "windmark simulate my-swing --deforming 24 --clocks": "windmark simulate my-swing --deforming 6 --clocks",
     "windmark simulate my-wing --deforming 12": "windmark simulate my-wing --deforming 4",
     "windmark simulate my-wing --deforming 8": "windmark simulate my-wing --deforming 4",
-    "windmark simulate my-film --sequence 24": "windmark simulate my-film --sequence 6",
+    "windmark simulate my-film --sequence 24": "windmark simulate my-film --sequence 4",
     "windmark simulate my-rig --cameras 4": "windmark simulate my-rig --cameras 3",
     "windmark study -o marker-study": "windmark study -o marker-study --steps 3 --markers 36",
-}
-"""The same with fewer frames, cameras, markers, for time."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def small_pictures():
-    """Whole jobs on pictures of a third of the usual pixels, for time; their projects say the radius."""
-    with pytest.MonkeyPatch.context() as patch:
-        for simulate in (simulate_psp, simulate_deforming):
-            usual = inspect.signature(simulate).parameters["size_px"].default
-            given = tuple((640, 400) if value == usual else value for value in simulate.__defaults__)
-            patch.setattr(simulate, "__defaults__", given)
-        yield
+    "windmark study -r 3 --noise-percent 10 -o noisy-markers":
+        "windmark study -r 3 --noise-percent 10 -o noisy-markers --steps 3 --markers 36",
+    "windmark markers check markers.csv --unit mm -c camera.json --view-from 0,90 --within 50":
+        "windmark markers check markers.csv --unit mm -c camera.json --view-from 0,90 --within 50 --quick",
+}  # fmt: skip
+"""The same with fewer frames, cameras, markers, trials, for time."""
 
 
 def blocks(page: Path) -> list[list[str]]:
@@ -98,43 +85,48 @@ def chapters() -> dict[str, list[list[str]]]:
     return out
 
 
-def run(words: list[str], allowed: tuple[int, ...] = (0,)) -> None:
-    """A command in this process, in the folder where it stands."""
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code in allowed, f"{shlex.join(words)}\n{done.output[-1500:]}\n{done.exception!r}"
+@pytest.fixture(scope="module")
+def carry_out(windmark, made_once, simulated):
+    """``carry_out(line)``: run a line of a page; what several pages simulate or try is made once and copied."""
 
+    def run(words, allowed=(0,)):
+        done = windmark(*words)
+        assert done.code in allowed, f"{shlex.join(words)}\n{done.out[-800:]}\n{done.err[-800:]}"
 
-def carry_out(line: str, made_once) -> None:
-    """Run a line of a page; what several pages simulate is made once and copied."""
-    words = shlex.split(SMALLER.get(line, line), comments=True)
-    if words[0] == "cd":
-        os.chdir(words[1])
-        return
-    given = [w for word in words[1:] for w in (sorted(glob.glob(word)) or [word])]
-    if given[0] != "simulate" or given[1] == ".":
-        run(given, (0, 1) if " ".join(words) in DATA_SAY_NO else (0,))
-        return
-    folder, options = Path(given[1]), given[2:]
-    if folder.exists():
-        if given[1] == HOME:  # by the same command, and what later blocks go on with lies in it
+    def tried():
+        return made_once("documented-demo", lambda place: run(["demo", str(place / "out")])) / "out"
+
+    def carried(line):
+        words = shlex.split(SMALLER.get(line, line), comments=True)
+        if words[0] == "cd":
+            os.chdir(words[1])
             return
-        shutil.rmtree(folder)
-    made = made_once("documented" + "".join(options), lambda place: run(["simulate", str(place), *options]))
-    shutil.copytree(made, folder)
+        given = [w for word in words[1:] for w in (sorted(glob.glob(word)) or [word])]
+        if given[0] not in ("simulate", "demo"):
+            run(given, (0, 1) if " ".join(words) in DATA_SAY_NO else (0,))
+            return
+        folder, options = Path(given[1]), given[2:]
+        if folder.exists() and given[1] != ".":
+            if given[1] == HOME:  # by the same command, and what later blocks go on with lies in it
+                return
+            shutil.rmtree(folder)
+        shutil.copytree(tried() if given[0] == "demo" else simulated(*options), folder, dirs_exist_ok=True)
+
+    return carried
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chapter", list(chapters()))
-def test_commands_of_the_documentation_run(chapter, made_once, tmp_path, monkeypatch, request):
+def test_commands_of_the_documentation_run(chapter, carry_out, tmp_path, monkeypatch, request):
     monkeypatch.chdir(tmp_path)
     page, _, data = chapter.partition(" ")
     if page not in DRAWN:
         request.getfixturevalue("undrawn")
     if page == "README.md":
-        carry_out("windmark simulate . --seed 7", made_once)
+        carry_out("windmark simulate . --seed 7")
     if data == HOME and page == "guide.md":
         for line in (f"windmark simulate {HOME} --seed 7", f"cd {HOME}", REGISTERED):
-            carry_out(line, made_once)
+            carry_out(line)
     ran = 0
     for block in chapters()[chapter]:
         if DATA.search(block[0]):
@@ -144,7 +136,7 @@ def test_commands_of_the_documentation_run(chapter, made_once, tmp_path, monkeyp
         for line in block:
             command = line.partition(" #")[0].strip()
             if command not in ELSEWHERE:
-                carry_out(command, made_once)
+                carry_out(command)
                 ran += 1
     assert ran or all(line in ELSEWHERE for block in chapters()[chapter] for line in block)
 

@@ -1,6 +1,7 @@
 """Every example of a --help runs as it is written, where files of these names lie in the folder.
 
-An example that a page of the documentation has, too, runs there (`test_documented_run`).
+An example that a page of the documentation has, too, with or without its folder of data, runs there
+(`test_documented_run`).
 """
 
 import csv
@@ -17,12 +18,6 @@ import pytest
 from PIL import Image
 
 from windmark import io
-from windmark.pipeline.simulate import simulate
-from windmark.pipeline.simulate_deforming import simulate_deforming
-from windmark.pipeline.simulate_infrared import simulate_infrared
-from windmark.pipeline.simulate_photos import simulate_photos
-from windmark.pipeline.simulate_psp import simulate_psp
-from windmark.pipeline.simulate_sequence import simulate_sequence
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
@@ -31,7 +26,7 @@ sys.path.insert(0, str(ROOT / "tests" / "io"))
 from camera_files import write_cine  # noqa: E402
 from make_reference import every_command, examples  # noqa: E402
 
-PAGES = [*ROOT.glob("docs/*.md"), *ROOT.glob("docs/tutorial/*.md")]
+PAGES = [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("docs/tutorial/*.md")]
 REMARK = re.compile(r"\s+\(.*\)$")
 """What an example says behind itself."""
 ELSEWHERE = {
@@ -45,21 +40,19 @@ MAY_BE_1 = {"windmark doctor --json"}
 DESKS = {
     "photos": ("windmark calibrate", "windmark reconstruct", "windmark epipolar"),
     "wing": ("windmark deform", "windmark laws", "windmark init my-wing"),
-    "polar": ("windmark psp", "windmark paint-calibrate"),
-    "heat": ("windmark infrared",),
     "film": ("windmark track",),
 }
 """Whose files an example names; all others are those of the virtual tunnel."""
 
 
 def help_lines():
-    documented = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    documented = {line for page in PAGES for line in page.read_text(encoding="utf-8").splitlines()}
+    documented |= {re.sub(r"\bmy-[a-z]+/", "", line) for line in documented}
     lines = [line for _, command in every_command() for line in examples(command.epilog or "")]
-    return [line for line in lines if line not in ELSEWHERE and f"\n{line}\n" not in documented]
+    return [line for line in lines if line not in ELSEWHERE and line not in documented]
 
 
 def tunnel(desk, windmark):
-    simulate(desk, 7)
     shutil.copytree(desk, desk / "my-test", ignore=shutil.ignore_patterns("my-test"))
     for name, of in {"run12": "wind-off", "run13": "wind-on", "off": "wind-off", "on": "wind-on", "a": "wind-off",
                      "b": "wind-on"}.items():  # fmt: skip
@@ -81,7 +74,6 @@ def tunnel(desk, windmark):
 
 def photos(desk, windmark):
     """Markers A, B, C, D of the tables are four that every picture shows."""
-    simulate_photos(desk, 7, 9)
     primary = io.read_markers(desk / "primary.csv", roles=None)
     new = dict(zip(primary.name[:4].tolist(), "ABCD", strict=True))
     for table in ("rough.csv", "primary.csv"):
@@ -113,7 +105,6 @@ def photos(desk, windmark):
 
 
 def wing(desk, _):
-    simulate_deforming(desk, 3, 4, (640, 400))
     shutil.copytree(desk, desk / "my-wing", ignore=shutil.ignore_patterns("my-wing"))
     (desk / "my-wing" / "deform.toml").unlink()
     shutil.copytree(desk / "images", desk / "incoming")
@@ -121,27 +112,29 @@ def wing(desk, _):
 
 
 def film(desk, _):
-    simulate_sequence(desk, 7, 4)
     for k, path in enumerate(sorted((desk / "frames").glob("*.tif"))):
         shutil.copy(path, desk / f"run12-{k:03d}.tif")
 
 
 MAKERS = {
-    "tunnel": tunnel, "photos": photos, "wing": wing, "film": film,
-    "polar": lambda desk, _: simulate_psp(desk, 7, 1, (640, 400)),
-    "heat": lambda desk, _: simulate_infrared(desk, 7, 8, (480, 384)),
-}  # fmt: skip
+    "tunnel": (("--seed", 7), tunnel),
+    "photos": (("--photos", 8), photos),
+    "wing": (("--deforming", 4, "--seed", 3), wing),
+    "film": (("--sequence", 4), film),
+}
+"""What each kind of examples is simulated with, and what is made of that."""
 
 
 @pytest.fixture(scope="module")
-def desks(tmp_path_factory, windmark):
+def desks(tmp_path_factory, windmark, simulated):
     """``desks(name)``: a folder with the files of a kind of examples, made once."""
     made = {}
 
     def desk(name):
         if name not in made:
-            made[name] = tmp_path_factory.mktemp(name)
-            MAKERS[name](made[name], windmark)
+            options, make = MAKERS[name]
+            made[name] = shutil.copytree(simulated(*options), tmp_path_factory.mktemp(name), dirs_exist_ok=True)
+            make(made[name], windmark)
         return made[name]
 
     return desk
@@ -150,8 +143,11 @@ def desks(tmp_path_factory, windmark):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")  # reports are drawn in the tests of their verbs
 @pytest.mark.parametrize("line", help_lines())
-def test_example_of_a_help_runs(line, desks, windmark, tmp_path, monkeypatch):
+def test_example_of_a_help_runs(line, desks, simulated, windmark, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    if line.startswith("windmark simulate"):
+        simulated(*shlex.split(SMALLER.get(line, line))[3:])
+        return
     name = next((n for n, verbs in DESKS.items() if line.startswith(verbs)), "tunnel")
     shutil.copytree(desks(name), tmp_path / "desk")
     monkeypatch.chdir(tmp_path / "desk")
