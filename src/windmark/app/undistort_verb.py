@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import Unreadable, not_drawn, write_png
+from windmark.app.verdict_words import judged
 from windmark.calibration import KEEP, corrected_camera, magnified_camera, magnify_distortion, redraw
 from windmark.calibration import undistort as correct
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
+from windmark.pipeline.verdict.undistorted import undistort_verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,6 +83,7 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
     if content.cam_from_model is not None and content.length_unit is None:
         lines.append(f"{camera_file} does not say the length unit of its pose: the pose is left out")
     lines.append(f"{wishes.output / 'camera.json'} fits the corrected images: it has no distortion")
+    lines += judged(record, undistort_verdict(camera, len(written), lost.why))
     console.answer(record, as_json, lines)
 
 

@@ -57,7 +57,7 @@ class PaintFit:
     >>> p, t = (v.ravel() for v in np.meshgrid(np.linspace(2e4, 1.2e5, 6), [290.0, 300.0, 310.0]))
     >>> ratio = 0.2 + 0.8 * p / 1e5 + 0.005 * (t - 300.0)
     >>> fit = wm.fit_paint(p, t, ratio, p_ref=1e5, t_ref=300.0, ratio_sigma=0.001, order=(1, 1))
-    >>> fit.law.coefficients.round(6).tolist()
+    >>> (fit.law.coefficients.round(6) + 0.0).tolist()
     [[0.2, 0.005], [0.8, 0.0]]
     >>> bool(fit), fit.rms < 1e-9
     (True, True)
