@@ -69,3 +69,10 @@ def test_wrong_usage_has_a_verdict_for_machines(words, monkeypatch, capsys):
     verdict = record["verdict"]
     assert (verdict["word"], verdict["cause"], verdict["reason"]) == ("bad", "usage", record["error"])
     assert "--help" in verdict["next_step"]
+
+
+def test_many_options_stand_under_headings():
+    for path, command in commands():
+        options = [p for p in command.params if p.param_type_name == "option"]
+        bare = [p.opts[0] for p in options if not getattr(p, "rich_help_panel", None)]
+        assert len(options) <= 6 or path == ("init",) or not bare, (path, bare)
