@@ -19,6 +19,7 @@ from windmark.calibration import KEEP, corrected_camera, magnified_camera, magni
 from windmark.calibration import undistort as correct
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
+from windmark.pipeline.clock import counting
 from windmark.pipeline.verdict.undistorted import undistort_verdict
 
 if TYPE_CHECKING:
@@ -58,10 +59,11 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
     failed: list[str] = []
     with console.progress() as show, console.result_folder(wishes.output) as out:
         place = out.place
+        ended = counting(show, "undistort", len(images))
         for path in images:
-            show(f"undistort {path.name}")
             with lost.unless_readable(path.name, place):
                 written[path.name] = _one(path, place, camera, target, magnified, wishes)
+            ended(path.name)
         lost.refuse_unless(written)
         # An image of ones shows which pixels have a value; files have no word for "none" but 0.
         valid = redraw(np.ones(camera.size_px[::-1], np.uint8), camera, target).valid
