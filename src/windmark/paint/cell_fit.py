@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError, g3
+from windmark.geometry.described import described
 from windmark.paint.refusal import NotFitted
 from windmark.paint.stern_volmer import SternVolmer, law_slopes
 
@@ -34,6 +35,10 @@ RANK = 1e-10
 _ROUNDS = 6
 
 
+@described(lambda f: {
+    "order": f"{f.order[0]} in pressure and {f.order[1]} in temperature", "measurements": len(f.residuals),
+    "rms": g3(f.rms), "cross-validated": g3(f.cv_rms), "warnings": "; ".join(f.warnings) or "none",
+})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class PaintFit:
     """A calibration of a paint and how good it is.
