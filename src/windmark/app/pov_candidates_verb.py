@@ -78,8 +78,8 @@ def _listed(
             for i, n in enumerate(names[3:], start=3)
         ]
         rows.append({"pov": pov, "station": pose.center, "further": further, "compatible": bool(found.compatible[k])})
-        angles = ", ".join(f"{v:.3f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg))
-        distances = ", ".join(f"{v:.3f}" for v in (pov.dx, pov.dy, pov.dz))
+        angles = ", ".join(f"{v:z.3f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg))
+        distances = ", ".join(f"{v:z.3f}" for v in (pov.dx, pov.dy, pov.dz))
         said = "; ".join(
             f"{f['marker']} behind the camera" if np.isnan(f["residual_px"])
             else f"{f['marker']} off by {f['residual_px']:.2f} px, {f['sigmas']:.1f} sigma" for f in further

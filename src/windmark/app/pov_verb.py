@@ -234,7 +234,7 @@ def _described(view: Viewpoint, points: Array) -> tuple[Record, list[str]]:
     for name in (*NAMES, "fov_deg"):
         angle = name.endswith("_deg")
         known = "" if sigma is None or math.isnan(getattr(sigma, name)) else f"  sigma {g2(getattr(sigma, name))}"
-        digits = f"{round(getattr(pov, name), 5) + 0.0:.5f}"
+        digits = f"{getattr(pov, name):z.5f}"
         lines.append(f"  {name.removesuffix('_deg'):4s}{digits:>14s} {'deg' if angle else unit}{known}")
     lines += [
         f"  station in the model's frame: {_triple(view.pose.center)} {unit}",
