@@ -80,7 +80,8 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
         "left_out": lost.why, "not_drawn": failed,
     }  # fmt: skip
     lines = [content.note] if content.note else []
-    lines += [f"{name}: {', '.join(files)}" for name, files in written.items()] + lost.lines() + not_drawn(failed)
+    lines += [f"{name}: {', '.join(str(wishes.output / f) for f in files)}" for name, files in written.items()]
+    lines += lost.lines() + not_drawn(failed)
     lines.append(f"{width} x {height} px, {filled:.1f} % of them filled (valid.png)")
     if content.cam_from_model is not None and content.length_unit is None:
         lines.append(f"{camera_file} does not say the length unit of its pose: the pose is left out")

@@ -69,7 +69,9 @@ def epipolar(
     """
     with console.errors(as_json):
         from windmark.app import epipolar_verb
+        from windmark.io import one_picture
         from windmark.pipeline.calibrate import MatchOptions
 
         match = MatchOptions(tuple(radius or ()), polarity, merit_max, channel, bayer, mask, seed=seed)
-        epipolar_verb.run((first, second), matches, tuple(camera or ()), sigma_px, match, output, as_json)
+        pair = one_picture(first), one_picture(second)
+        epipolar_verb.run(pair, matches, tuple(camera or ()), sigma_px, match, output, as_json)

@@ -184,9 +184,10 @@ def register(
 ) -> None:
     """Find which spot is which marker and where the camera was; no start pose is needed."""
     from windmark.app import verbs
-    from windmark.io import picture_name
+    from windmark.io import one_picture, picture_name
 
     with console.errors(as_json):
+        image = one_picture(image)
         settings: dict[str, Any] = {
             "title": f"Registration of {image.name}",
             "length_unit": unit,
@@ -265,9 +266,10 @@ def resect(
 ) -> None:
     """Map a registered image onto the grid: values on nodes and at points, pictures."""
     from windmark.app import verbs
-    from windmark.io import picture_name
+    from windmark.io import one_picture, picture_name
 
     with console.errors(as_json):
+        image = one_picture(image)
         if markers is not None and volume:
             raise UsageError("--markers tells the walls of the grid, and --volume names what takes part: one of them")
         settings: dict[str, Any] = {
