@@ -71,7 +71,7 @@ class MergedViews:
     ----------
     mesh : the surface
     names : of the C pictures that take part; ``nodes.source`` counts in them
-    nodes : value, sigma, source and number of pictures of every node
+    nodes : of every node the value with its sigma, the source and the number of pictures
     views : (C) where each picture sees the nodes and why not
     values, sigmas : (C, V) of every picture by itself, gains applied; NaN where it has none
     gains : relative gains
