@@ -83,26 +83,74 @@ def keys() -> str:
     out = ["# Project keys", "", "Project files are TOML. Paths are relative to the file. A key that is not listed is "
            "refused; `windmark check` lists everything that is wrong at once.", ""]  # fmt: skip
     for verb, model in MODELS.items():
-        out += [f"## windmark {verb}: {KINDS[verb]}", ""]
-        out += _table(model, "")
-        for name, about in model.model_fields.items():
-            inner = _inner(about.annotation)
-            if inner is not None:
-                key = about.alias or name
-                several = "list" in str(about.annotation) or "tuple" in str(about.annotation)
-                out += [f"### {verb}: {'[[' if several else '['}{key}{']]' if several else ']'}", "", _doc(inner), ""]
-                out += _table(inner, key)
+        out += [f"## windmark {verb}: {KINDS[verb]}", "", *_table(model, top=True)]
+        out += [line for name, about in model.model_fields.items() if (inner := _inner(about.annotation)) is not None
+                for line in _tables(inner, verb, about.alias or name, about)]  # fmt: skip
     return "\n".join(out)
 
 
-def _table(model: Any, key: str) -> list[str]:
-    rows = ["| key | type | default |", "|---|---|---|"]
+def _tables(model: Any, verb: str, key: str, about: Any) -> list[str]:
+    """A table of a project, and those in it."""
+    several = "list" in str(about.annotation) or "tuple" in str(about.annotation)
+    out = [f"### {verb}: {'[[' if several else '['}{key}{']]' if several else ']'}", "", _intro(model), "",
+           *_table(model)]  # fmt: skip
+    for name, field in model.model_fields.items():
+        if (inner := _inner(field.annotation)) is not None:
+            out += _tables(inner, verb, f"{key}.{field.alias or name}", field)
+    return out
+
+
+def _table(model: Any, *, top: bool = False) -> list[str]:
+    """Keys with what they mean; ``top``: of a whole project, whose tables have their own."""
+    said = meanings(model)
+    rows = ["| key | what it is | type | default |", "|---|---|---|---|"]
     for name, about in model.model_fields.items():
-        if name == "path" or (not key and _inner(about.annotation) is not None):
+        if name == "path" or (top and _inner(about.annotation) is not None):
             continue
+        key = about.alias or name
         default = "required" if about.is_required() else _default(about)
-        rows.append(f"| `{about.alias or name}` | {_type(about.annotation)} | {default} |")
+        meaning = _escaped(said[key]).replace("``", "`")
+        rows.append(f"| `{key}` | {meaning} | {_type(about.annotation)} | {default} |")
     return [*rows, ""] if len(rows) > 2 else []
+
+
+_SAID = re.compile(r"((?:``\w+``(?:, | and |,\n))*``\w+``):\s")
+"""Keys and the colon behind which the docstring of their table says what they are."""
+
+
+def meanings(model: Any) -> dict[str, str]:
+    """What each key of a table is: as the docstring of its table says, else as the table of options has it.
+
+    Raises
+    ------
+    KeyError
+        For a key that neither tells.
+    """
+    from windmark.options import calibration, detection, registration
+
+    told = {o.name: o.help for room in (detection, registration, calibration) for o in room.OPTIONS}
+    for one in reversed(model.__mro__):
+        for paragraph in inspect.cleandoc(one.__dict__.get("__doc__") or "").split("\n\n"):
+            marks = list(_SAID.finditer(paragraph))
+            for mark, after in zip(marks, [*marks[1:], None], strict=False):
+                text = " ".join(paragraph[mark.end() : after.start() if after else len(paragraph)].split())
+                told |= dict.fromkeys(re.findall(r"``(\w+)``", mark[1]), text.rstrip(".;, "))
+    def nested(key: str) -> bool:
+        return any(_inner(f.annotation) is not None for n, f in model.model_fields.items() if key in (n, f.alias))
+
+    wanted = [about.alias or name for name, about in model.model_fields.items() if name != "path"]
+    if lacking := [key for key in wanted if key not in told and not nested(key)]:
+        raise KeyError(f"{model.__name__}: its docstring says nothing of {', '.join(lacking)}")
+    return {key: told.get(key, "see its table below") for key in wanted}
+
+
+def _intro(model: Any) -> str:
+    """What the docstring says of the table as a whole: up to the first key in each paragraph."""
+    parts = []
+    for paragraph in inspect.cleandoc(model.__doc__ or "").split("\n\n"):
+        first = _SAID.search(paragraph)
+        parts.append(paragraph[: first.start()].rstrip() if first else paragraph)
+    return _escaped("\n\n".join(filter(None, parts))).replace("``", "`")
 
 
 def _default(about: Any) -> str:
@@ -135,11 +183,6 @@ def _inner(annotation: Any) -> Any:
     return model_in(annotation)
 
 
-def _doc(model: Any) -> str:
-    text = inspect.cleandoc(model.__doc__ or "")
-    return _escaped(text).replace("``", "`")
-
-
 def api() -> str:
     """The page of public names, by room."""
     import windmark
@@ -151,7 +194,8 @@ def api() -> str:
             kind = "autoclass" if inspect.isclass(getattr(windmark, name)) else "autofunction"
             if not callable(getattr(windmark, name)):
                 kind = "autodata"
-            out += ["```{eval-rst}", f".. {kind}:: windmark.{name}", "```", ""]
+            members = ["   :members:"] if kind == "autoclass" else []
+            out += ["```{eval-rst}", f".. {kind}:: windmark.{name}", *members, "```", ""]
     return "\n".join(out)
 
 

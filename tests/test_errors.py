@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import windmark
+import windmark.errors
 
 PACKAGE = Path(windmark.__file__).parent
 JUDGES = ("app", "pipeline", "tasks")
@@ -73,3 +74,7 @@ raise ValueError(f"unit must be one of {units}")
 """)
     assert list(retold(tree)) == [4]
     assert [name for _, name, _ in raised(tree)] == ["ValueError", "FileError"]
+
+
+def test_nothing_has_no_sign():
+    assert [windmark.errors.g2(v) for v in (-0.0, 0.0, -0.001)] == ["0", "0", "-0.001"]

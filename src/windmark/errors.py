@@ -42,4 +42,5 @@ def g1(value: SupportsFloat) -> str:
 
 
 def _plain(text: str) -> str:
+    text = "0" if text == "-0" else text
     return f"{float(text):.0f}" if "e+0" in text and abs(float(text)) < 1e6 else text

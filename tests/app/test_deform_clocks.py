@@ -111,6 +111,7 @@ def test_laws_are_compared_by_evidence(made, windmark, tmp_path):
     assert scores["beam (project)"]["parameters"] == scores["beam twist=[2]"]["parameters"] + 1
     assert scores["beam (project)"]["evidence"] < 0 < scores["beam bend=[2]"]["chi2"]
     assert scores["none"]["held_out_px"] > 2 * scores["beam twist=[2]"]["held_out_px"]
+    assert done.json["verdict"]["word"] == "good"
     assert sorted(p.name for p in (tmp_path / "laws").iterdir()) == ["laws.csv", "laws.png", "manifest.json"]
 
 
@@ -122,7 +123,7 @@ def test_laws_that_the_data_cannot_tell_have_no_winner(made, windmark, tmp_path)
     done = windmark("laws", "--compare", made / "twice.toml", "--frames", "2", "--pictures", out, "--json")
     assert done.code == 1
     assert done.json["winner"] is None
-    assert "cannot tell beam" in done.json["verdict"]
+    assert "cannot tell beam" in done.json["verdict"]["reason"]
 
 
 @pytest.mark.parametrize(

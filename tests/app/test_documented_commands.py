@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -149,3 +150,41 @@ def test_links_to_a_heading_lead_to_one(page):
             continue
         broken += [target] if anchor not in known else []
     assert broken == []
+
+
+def test_no_key_without_a_meaning_and_no_class_without_its_members():
+    from make_reference import api, keys, meanings
+
+    from windmark.pipeline.settings import Strict
+
+    class Silent(Strict):
+        """A table. ``told``: this one."""
+
+        told: int = 0
+        untold: int = 0
+
+    with pytest.raises(KeyError, match="Silent: its docstring says nothing of untold"):
+        meanings(Silent)
+    rows = [line for line in keys().splitlines() if line.startswith("| `")]
+    assert len(rows) > 330
+    assert all(line.replace("\\|", "").split("|")[2].strip() for line in rows)
+    assert ":members:" in api().partition("autoclass:: windmark.Camera")[2].partition("```")[0]
+
+
+def test_the_page_of_tasks_shows_what_runs_on_other_pages():
+    """Its commands stand in a table: each is a line of a block elsewhere, which `test_documented_run` carries out."""
+    text = (ROOT / "docs" / "howto.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^\|[^|]*\| `(windmark [^`]*)` \|", text, re.MULTILINE)
+    assert len(shown) > 9
+    run_there = {line.partition(" #")[0].strip() for _, line in documented()}
+    assert [line for line in shown if line not in run_there] == []
+
+
+def test_the_smallest_projects_are_projects(tmp_path):
+    from windmark.pipeline.check.paths import MODELS
+
+    text = (ROOT / "docs" / "howto.md").read_text(encoding="utf-8")
+    found = re.findall(r"for `windmark (\w+)`[^\n]*:\n\n```toml\n(.*?)```", text, re.DOTALL)
+    assert [verb for verb, _ in found] == list(MODELS)
+    for verb, body in found:
+        MODELS[verb].model_validate({"path": tmp_path / "project.toml", **tomllib.loads(body)})

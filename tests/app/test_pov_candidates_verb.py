@@ -50,7 +50,7 @@ def test_a_wrong_label_is_a_no_and_nothing_is_written(windmark, case):
     assert not (case[0] / "found.json").exists()
     undecided = call(windmark, case, case[1][:3], "-o", case[0] / "found.json")
     assert undecided.code == 1
-    assert "give more labels" in undecided.err
+    assert "next: give a fourth --label" in undecided.err
 
 
 def test_wrong_usage(windmark, case):

@@ -40,10 +40,11 @@ def test_a_person_gets_one_line_per_curve(windmark, tmp_path):
     done = windmark(*SMALL, "--radius", 2, "--output", tmp_path / "out")
     assert done.code == 0
     lines = done.out.splitlines()
-    assert len(lines) == 3
+    assert len(lines) == 5
     assert lines[0].startswith("r0 = 3 px, bowl: 2 RMS 0.0")
     assert lines[1].startswith("r0 = 2 px, bowl: 2 RMS 0.")
-    assert lines[2].endswith("study.html")
+    assert lines[2].startswith("● good: centres are known to 0.0")
+    assert lines[4].endswith("study.html")
 
 
 def test_settings_reach_the_study(windmark, tmp_path):

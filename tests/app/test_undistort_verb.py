@@ -43,6 +43,7 @@ def test_images_camera_and_mask(windmark, files):
     np.testing.assert_array_equal(again.camera.parameters(), corrected.camera.parameters())
     np.testing.assert_array_equal(again.cam_from_model.translation, [1, 2, 3])
     assert f"{100 * corrected.valid.mean():.1f} % of them filled" in done.out
+    assert f"b.jpg: {out / 'b.png'}, {out / 'b-x3.png'}" in done.out
 
 
 def test_keep_and_json(windmark, files):

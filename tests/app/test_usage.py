@@ -69,3 +69,24 @@ def test_wrong_usage_has_a_verdict_for_machines(words, monkeypatch, capsys):
     verdict = record["verdict"]
     assert (verdict["word"], verdict["cause"], verdict["reason"]) == ("bad", "usage", record["error"])
     assert "--help" in verdict["next_step"]
+
+
+def test_many_options_stand_under_headings():
+    for path, command in commands():
+        options = [p for p in command.params if p.param_type_name == "option"]
+        bare = [p.opts[0] for p in options if not getattr(p, "rich_help_panel", None)]
+        assert len(options) <= 6 or path == ("init",) or not bare, (path, bare)
+
+
+@pytest.mark.parametrize("words", [
+    ("register", "P*.tif", "-m", "m.csv", "-c", "c.json", "--unit", "mm"),
+    ("epipolar", "P*.tif", "Q.tif", "-m", "m.csv"),
+    ("resect", "P*.tif", "-c", "c.json", "-g", "g.stl", "--unit", "mm"),
+])  # fmt: skip
+def test_a_pattern_of_several_pictures_where_one_is_wanted(windmark, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    for name in ("P01.tif", "P02.tif"):
+        (tmp_path / name).write_bytes(b"")
+    done = windmark(*words)
+    assert done.code == 2
+    assert "P*.tif: 2 files match this pattern, P01.tif to P02.tif; expected one picture: name it" in done.err

@@ -14,6 +14,7 @@ import tifffile
 from camera_files import write_cine, write_mraw, write_spe
 
 from windmark import io
+from windmark.errors import UsageError
 from windmark.io.recordings.foreign import FOREIGN
 
 RNG = np.random.default_rng(8)
@@ -308,3 +309,15 @@ def test_no_frames(tmp_path, cine):
     (tmp_path / "cut.cine").write_bytes(cine.read_bytes()[:-20])
     with pytest.raises(io.FileError, match="image 8 is not complete"):
         io.frames(tmp_path / "cut.cine")
+
+
+def test_a_pattern_where_one_picture_is_wanted(tmp_path):
+    for name in ("a1.tif", "a2.tif", "b1.tif"):
+        tifffile.imwrite(tmp_path / name, STACK[0])
+    assert io.one_picture(tmp_path / "b*.tif") == tmp_path / "b1.tif"
+    for same in (tmp_path / "a1.tif", tmp_path / "run.cine[120]", tmp_path / "none.tif"):
+        assert io.one_picture(same) == same
+    with pytest.raises(UsageError, match=r"a\*\.tif: 2 files match this pattern, a1\.tif to a2\.tif; expected one"):
+        io.one_picture(tmp_path / "a*.tif")
+    with pytest.raises(io.FileError, match="no file matches"):
+        io.one_picture(tmp_path / "c*.tif")

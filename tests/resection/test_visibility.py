@@ -44,8 +44,8 @@ def test_box_on_a_plate():
     assert (floor_reason == HIDDEN).sum() > 10
     np.testing.assert_allclose(view.xy, CAMERA.project(pose.apply(mesh.vertices))[0], atol=1e-9)
     np.testing.assert_allclose(view.depth, pose.apply(mesh.vertices)[:, 2], atol=1e-12)
-    assert view.count()["visible"] == view.visible.sum()
-    assert sum(view.count().values()) == len(view) == len(mesh.vertices)
+    assert view.counts["visible"] == view.visible.sum()
+    assert sum(view.counts.values()) == len(view) == len(mesh.vertices)
 
 
 def test_reasons_and_their_order():
@@ -159,8 +159,8 @@ def test_tolerance_bridges_blocks_that_do_not_match():
     upper, lower = plate(11, 11), plate(11, 11)
     lower = moved(lower, 1.23, 0.17, -0.001)
     mesh, pose = joined(upper, lower), looking_at([0.5, 0, 6.0], target=[0.5, 0, 0], up=[0, 1, 0])
-    assert see_nodes(mesh, CAMERA, pose).count()["hidden"] > 20
-    assert see_nodes(mesh, CAMERA, pose, tolerance=0.002).count()["hidden"] == 0
+    assert see_nodes(mesh, CAMERA, pose).counts["hidden"] > 20
+    assert see_nodes(mesh, CAMERA, pose, tolerance=0.002).counts["hidden"] == 0
 
 
 def test_default_tolerance_ignores_unused_nodes():
@@ -170,7 +170,7 @@ def test_default_tolerance_ignores_unused_nodes():
     blanked = ~np.isfinite(both.vertices).all(axis=1)
     both = Mesh(both.vertices, both.triangles, both.volume, blanked=blanked)
     view = see_nodes(both, CAMERA, looking_at([0.1, 0.1, 6.0], up=[0, 1, 0]))
-    assert view.count()["blanked"] == 2
+    assert view.counts["blanked"] == 2
     assert view.reason[123:244].tolist().count(HIDDEN) > 80
 
 

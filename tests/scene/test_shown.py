@@ -9,6 +9,7 @@ import pytest
 
 import windmark as wm
 from windmark.errors import UsageError
+from windmark.geometry.described import numbers
 from windmark.scene.shown import ARRAY, PATH, by_name, check_kinds, list_of, optional, pandas_table
 
 CAMERA = wm.Camera((640, 480), 800.0, 1.0, 319.5, 239.5)
@@ -27,6 +28,27 @@ def test_reprs_are_short_and_have_no_arrays(noun):
     assert "array" not in repr(noun)
     assert type(noun).__name__ in repr(noun)
     assert noun._repr_html_().startswith("<table>")
+
+
+@pytest.mark.parametrize(("noun", "words"), [
+    (CAMERA, "size px=640 x 480, focal px=800"),
+    (wm.Camera((64, 48), 60.0, k1=-0.2, cov=np.eye(14)), "lens=brown k1 -0.2, covariance=yes"),
+    (wm.Camera((64, 48), 60.0, lens="fisheye"), "lens=fisheye"),
+    (wm.Pose.from_rotvec([0, 0, np.pi / 2], [1.0, -1e-16, 3.0]), "turned deg=(0, 0, 90), translation=(1, 0, 3)"),
+    (wm.NodeField.make(np.ones(500), 0.1).with_mode("lamp", np.ones(500)), "known=500, unit=none, modes=lamp"),
+    (wm.Tracks(np.arange(300) // 3, np.arange(300) % 3, np.arange(300)), "marks=300, tracks=100, views=3"),
+    (wm.SensorModel(np.zeros((40, 50)), 4000.0, 0.5, 4.0), "gain=0.5, saturation=4000, read sigma=2"),
+    (wm.Picture("left", np.ones((40, 50)), CAMERA, wm.Pose.identity()), "name=left, size=50 x 40"),
+])  # fmt: skip
+def test_what_a_noun_says_of_itself(noun, words):
+    assert words in repr(noun)
+    assert len(repr(noun)) < 250
+    assert "array" not in repr(noun)
+    assert noun._repr_html_().count("<tr>") >= 3
+
+
+def test_numbers_have_no_sign_of_nothing():
+    assert numbers([-0.0, 1.0, -1e-17, 12345.678]) == "(0, 1, 0, 12346)"
 
 
 def test_html_is_escaped():
@@ -102,3 +124,56 @@ def test_fields_pixels_points_and_merged_views_as_datasets_and_tables():
     merged = wm.merge_views(mesh, pictures, gain="none")
     assert merged, merged
     assert merged.to_xarray()["values"].sel(picture="b").sizes == {"node": 4}
+
+
+def test_results_are_tables_and_drawings():
+    pytest.importorskip("pandas")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("agg")
+    rng = np.random.default_rng(1)
+    xyz = rng.uniform(-1.0, 1.0, (20, 3)) * [2.0, 1.5, 0.2]
+    poses = [wm.Pose.look_at(eye, [0, 0, 0], [0, 1, 0]) for eye in ((-1, 0, 6), (1, 0, 6), (0, 1, 6))]
+    spots = [wm.Detections.make(CAMERA.project(pose.apply(xyz))[0].round(2), sigma_px=0.01) for pose in poses]
+    known = wm.MarkerSet.make(list("abcdef"), xyz[:6], role="primary")
+    views = [wm.View(f"view{i}", cam_from_model=pose) for i, pose in enumerate(poses)]
+    found = wm.reconstruct(spots, CAMERA, known, views=views)
+    table = found.to_pandas()
+    assert table["views"].tolist() == [3] * 20
+    np.testing.assert_allclose(table["sigma_z"] ** 2, found.marker_cov[:, 2, 2])
+    axes = found.plot()
+    assert [len(line.get_data_3d()[0]) for line in axes.lines] == [14, 6, 3]
+    pairs = wm.match_pair(spots[0], spots[1], CAMERA)
+    assert pairs.to_pandas()["b"].tolist() == pairs.b.tolist()
+    assert f"pairs={len(pairs)}" in repr(pairs)
+    marks = wm.Observations(np.zeros(2, dtype=int), np.arange(2), np.ones((2, 2)), np.tile(0.04 * np.eye(2), (2, 1, 1)))
+    np.testing.assert_allclose(marks.to_pandas()["sigma_x"], 0.2)
+    picture = wm.synth.marker_scene(1, size_px=(160, 120), markers=12).image
+    aligned = wm.align_images(np.roll(picture, (2, 3), axis=(0, 1)), picture)
+    assert "pairs=12" in repr(aligned)
+    np.testing.assert_allclose(aligned.to_pandas()["dx"], aligned.residual[:, 0])
+    assert "px" in aligned.plot().get_title()
+    pyplot.close("all")
+
+
+def test_of_a_surface_and_its_loads():
+    pytest.importorskip("pandas")
+    plate = wm.Mesh.make([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]], "wing")
+    beside = wm.Pose.look_at([1.4, 0.0, 4.0], [1.4, 0.0, 0.0], [0.0, 1.0, 0.0])
+    seen = wm.see_nodes(plate, wm.Camera((64, 48), 60.0), beside)
+    assert repr(seen) == "NodeView(nodes=4, visible=2, picture=64 x 48 px)"
+    assert seen.to_pandas()["reason"].tolist() == ["outside", "visible", "visible", "outside"]
+    loads = wm.integrate_loads(plate, wm.NodeField.make([-0.5] * 4, 0.01), wm.LoadReference(4.0, 2.0, 2.0))
+    table = loads.to_pandas()
+    assert table.query("volume == 'wing' and coefficient == 'CL'")["value"].iloc[0] == loads.row("wing")["CL"][0]
+    assert "wing=CA " in repr(loads)
+
+
+def test_a_deformation_is_drawn():
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    from windmark.scene import plots
+
+    pyplot.switch_backend("agg")
+    ax = plots.space_axes(None, np.eye(3))
+    plots.space_arrows(ax, np.eye(3), [[0, 0, 0.01]] * 3)
+    assert ax.get_title() == "displacements x 10, the longest is 0.01"
+    pyplot.close("all")

@@ -16,7 +16,7 @@ import typer
 from windmark import compiling
 from windmark.app import console
 from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp, start, view
-from windmark.app.commands.grouped import App, ranged, written
+from windmark.app.commands.grouped import MATCH, TEST, App, ranged, written
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
 
@@ -75,34 +75,43 @@ def simulate(
     seed: Seed = 1,
     deforming: Annotated[
         int | None,
-        ranged("A deformation test instead: so many frames of a bending wing by two cameras.", least=3),
+        ranged("A deformation test instead: so many frames of a bending wing by two cameras.", least=3, panel=TEST),
     ] = None,
     infrared: Annotated[
         int | None,
-        ranged("An infrared run instead: so many frames of a wing that moves and heats up, by two cameras.", least=8),
+        ranged(
+            "An infrared run instead: so many frames of a wing that moves and heats up, by two cameras.",
+            least=8,
+            panel=TEST,
+        ),
     ] = None,
     cameras: Annotated[
         int | None,
-        ranged("Several cameras instead (2-5), one picture each at one moment, to be merged.", least=2, most=5),
+        ranged(
+            "Several cameras instead (2-5), one picture each at one moment, to be merged.", least=2, most=5, panel=TEST
+        ),
     ] = None,
     photos: Annotated[
         int | None,
-        ranged("Hand-held pictures of the model instead: so many, with a few known markers.", least=2),
+        ranged("Hand-held pictures of the model instead: so many, with a few known markers.", least=2, panel=TEST),
     ] = None,
     psp: Annotated[
         int | None,
-        ranged("A paint test instead: a polar of so many incidences by two cameras, with taps.", least=1),
+        ranged("A paint test instead: a polar of so many incidences by two cameras, with taps.", least=1, panel=TEST),
     ] = None,
     board: Annotated[
         int | None,
-        ranged("Pictures of a printed dot board instead: so many by each of two cameras.", least=3),
+        ranged("Pictures of a printed dot board instead: so many by each of two cameras.", least=3, panel=TEST),
     ] = None,
     sequence: Annotated[
         int | None,
-        ranged("A film of the model instead: so many pictures while it swings.", least=2),
+        ranged("A film of the model instead: so many pictures while it swings.", least=2, panel=TEST),
     ] = None,
     clocks: Annotated[
-        bool, typer.Option("--clocks", help="With --deforming: cameras of different rates, a swinging wing.")
+        bool,
+        typer.Option(
+            "--clocks", help="With --deforming: cameras of different rates, a swinging wing.", rich_help_panel=TEST
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -123,7 +132,10 @@ def run(
     no_occlusion: NoOcclusion = False,
     binding: Binding = False,
     method: Annotated[
-        str | None, typer.Option("--method", help="hash, or ransac: the paper's search. [default: the project's]")
+        str | None,
+        typer.Option(
+            "--method", help="hash, or ransac: the paper's search. [default: the project's]", rich_help_panel=MATCH
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:

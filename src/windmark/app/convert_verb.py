@@ -11,6 +11,7 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.commands.matching_options import grid_settings
+from windmark.app.verdict_words import judged
 from windmark.errors import UsageError, g2
 from windmark.pipeline.convert_cameras import CameraOptions, convert_camera
 from windmark.pipeline.convert_frames import FrameOptions, convert_frames
@@ -18,6 +19,7 @@ from windmark.pipeline.convert_frames import lines as frames_lines
 from windmark.pipeline.convert_grids import GridOptions, convert_grid
 from windmark.pipeline.convert_kind import WORDS, kind_of, refuse_target
 from windmark.pipeline.convert_markers import MarkerOptions, convert_markers
+from windmark.pipeline.verdict.converted import converted_verdict
 
 Record = dict[str, Any]
 
@@ -64,7 +66,8 @@ def convert(sources: list[Path], target: Path, wishes: Wishes, as_json: bool) ->
     if not target.is_dir() and target.suffix:  # a file
         io.try_paths([target], console.complain)
     record = _JOBS[kind](sources, target, wishes)
-    console.answer(record, as_json, _LINES[kind](record))
+    lines = _LINES[kind](record)
+    console.answer(record, as_json, [*lines, *judged(record, converted_verdict(record))])
 
 
 def _camera(sources: list[Path], target: Path, wishes: Wishes) -> Record:

@@ -125,8 +125,8 @@ def live_line(row: FrameRecord) -> str:
         return f"frame {row.key}: {row.status}: {row.reason}"
     tip = ""
     if len(row.twist):
-        tip = (f", tip: twist {row.twist[-1]:+.4f} ± {row.twist_sigma[-1]:.4f} deg,"
-               f" bending {row.bending[-1]:+.3f} ± {row.bending_sigma[-1]:.3f}")  # fmt: skip
+        tip = (f", tip: twist {row.twist[-1]:+z.4f} ± {row.twist_sigma[-1]:.4f} deg,"
+               f" bending {row.bending[-1]:+z.3f} ± {row.bending_sigma[-1]:.3f}")  # fmt: skip
     return f"frame {row.key}: {row.spots - row.outliers} spots, RMS {row.rms_px:.3f} px{tip}, {latency}"
 
 
@@ -260,7 +260,7 @@ def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
         last, unit = sequence.good[-1], loaded.project.length_unit
         if len(last.twist):
             lines.append(
-                f"frame {last.key}, tip: twist {last.twist[-1]:+.4f} ± {last.twist_sigma[-1]:.4f} deg, bending "
-                f"{last.bending[-1]:+.3f} ± {last.bending_sigma[-1]:.3f} {unit} (1 sigma)"
+                f"frame {last.key}, tip: twist {last.twist[-1]:+z.4f} ± {last.twist_sigma[-1]:.4f} deg, bending "
+                f"{last.bending[-1]:+z.3f} ± {last.bending_sigma[-1]:.3f} {unit} (1 sigma)"
             )
     return lines

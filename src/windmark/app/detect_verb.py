@@ -18,6 +18,7 @@ from windmark.app.verdict_words import verdict_lines
 from windmark.detection import RadiusEstimate, Rejected
 from windmark.errors import UsageError
 from windmark.options.detection import CHANNEL
+from windmark.pipeline.clock import counting
 from windmark.pipeline.verdict.detected import Looked, detect_verdict
 from windmark.pipeline.verdict.picture import PictureState, picture_state
 from windmark.scene import Detections
@@ -73,12 +74,14 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     found: dict[str, _Found] = {}
     lost = Unreadable()
     with console.progress() as show:
-        for path in uniquely_named(images):
-            show(f"detect {path.name}")
+        files = uniquely_named(images)
+        ended = counting(show, "detect", len(files))
+        for path in files:
             with lost.unless_readable(path.name):
                 one = _detect_one(read_wished(path, wishes), wishes)
                 drawn = wishes.picture is not None or wishes.merit_map is not None
                 found[path.name] = one if drawn else replace(one, image=one.image[:0], mask=None)  # recordings are long
+            ended(path.name)
         lost.refuse_unless(found)
         show("write")
         good = any(len(one.spots) for one in found.values())

@@ -155,4 +155,4 @@ def _lines(result: ClickedPair, clicks: Clicks, spots: tuple[Detections, Detecti
 
 
 def _place(xy: np.ndarray) -> str:
-    return f"({xy[0]:.0f}, {xy[1]:.0f})" if np.isfinite(xy).all() else "at infinity"
+    return f"({xy[0]:z.0f}, {xy[1]:z.0f})" if np.isfinite(xy).all() else "at infinity"

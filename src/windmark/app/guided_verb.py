@@ -18,6 +18,7 @@ from windmark.detection import AUTO, Guided
 from windmark.detection.either import FEW
 from windmark.errors import UsageError
 from windmark.options.detection import SEARCH_PX
+from windmark.pipeline.clock import counting
 from windmark.pipeline.lengths import Lengths
 from windmark.tasks.predictions import Predictions, from_camera, from_detections, look
 
@@ -67,16 +68,19 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
     options = {"search_px": guide.search_px, "photometry": wishes.options["photometry"]}
     io.try_paths(wishes.files, console.complain)
     with console.progress() as show:
-        for path in uniquely_named(images):
-            show(f"detect {path.name}")
+        files = uniquely_named(images)
+        ended = counting(show, "detect", len(files))
+        for path in files:
             image = None
             with lost.unless_readable(path.name):
                 image = read_wished(path, wishes)
             if image is None:
+                ended(path.name)
                 continue
             expected = _expected(guide, path.name, wishes.radius_px[0] if wishes.radius_px else None)
             mask = used_pixels(image, wishes.mask, wishes.roi)
             seen[path.name] = _look(image, expected, wishes.options["polarity"], {**options, "mask": mask})
+            ended(path.name)
         lost.refuse_unless(seen)
         show("write")
         good = any(one.got.found.any() for one in seen.values())

@@ -115,7 +115,7 @@ def _lines(result: InfraredResult) -> list[str]:
     lines += [f"  ... {len(told) - SHOWN} more (frames.csv)"] if len(told) > SHOWN else []
     lines += [f"  {remark}" for remark in result.remarks]
     for r in done[:1] + done[1:][-1:]:
-        flux = (f", heat flux {r.median_q:.0f} ± {r.median_sigma_q:.0f} W/m2" if np.isfinite(r.median_q) else "")
+        flux = (f", heat flux {r.median_q:z.0f} ± {r.median_sigma_q:.0f} W/m2" if np.isfinite(r.median_q) else "")
         lines.append(f"  frame {r.key}: {100 * r.seen:.0f} % of the nodes seen, temperature {r.median_T:.2f} ± "
                      f"{r.median_sigma_T:.2f} K{flux} (medians, 1 sigma)")  # fmt: skip
     if result.steady is not None:

@@ -15,9 +15,11 @@ from windmark.app import console
 from windmark.app.alone import not_drawn, write_png
 from windmark.app.pictures import BLUE
 from windmark.app.project_place import project_in
+from windmark.app.verdict_words import judged
 from windmark.errors import UsageError
 from windmark.pipeline.deform import load, read_deform_project
 from windmark.pipeline.deform.laws import DECISIVE, LawsCompared, candidates, compare_project
+from windmark.pipeline.verdict.laws import compared_verdict
 
 GREY, ORANGE = "#9e9e9e", "#ef6c00"
 OUTPUT = Path("law-comparison")
@@ -41,14 +43,16 @@ def compare(project: Path, laws: Sequence[str], frames: int, folder: Path | None
         columns = [asdict(s) for s in result.scores]
         io.write_table(out.place / "laws.csv", {k: np.array([c[k] for c in columns]) for k in columns[0]})
     record: dict[str, Any] = {
-        "winner": result.winner or None, "verdict": result.verdict, "frames": list(result.frames),
+        "winner": result.winner or None, "frames": list(result.frames),
         "frames_lost": list(result.lost), "misfit": float(np.sqrt(result.scale)),
         "laws": [asdict(s) for s in result.scores], "folder": folder, "not_drawn": failed,
     }  # fmt: skip
+    verdict = compared_verdict(result)
+    said = judged(record, verdict)
     if result.winner or not as_json:
-        console.answer(record, as_json, [*_lines(result), *not_drawn(failed), f"table and picture: {folder}"])
+        console.answer(record, as_json, [*_lines(result), *said, *not_drawn(failed), f"table and picture: {folder}"])
     if not result.winner:
-        console.refuse(result.verdict, as_json, record)
+        console.refuse(result.verdict, as_json, record, verdict.next_step)
 
 
 def _lines(result: LawsCompared) -> list[str]:
@@ -63,7 +67,7 @@ def _lines(result: LawsCompared) -> list[str]:
     lines.append(f"{len(result.frames)} frames: {', '.join(result.frames)}; evidence by the Bayesian information "
                  "criterion, relative to the best")  # fmt: skip
     lines += [f"  not used: frame {text}" for text in result.lost]
-    return [*lines, result.verdict] if result.winner else lines
+    return lines
 
 
 def laws_figure(result: LawsCompared) -> Figure:

@@ -15,11 +15,13 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn, write_png
 from windmark.app.laws_examples import HALF, UNIT, Shown, example, of_user, wing_points
+from windmark.app.verdict_words import judged
 from windmark.deformation import Law, UserLaw, check_law, laws_of_source
 from windmark.deformation.laws import CATALOG, Entry
 from windmark.errors import UsageError
 from windmark.io.text import read_text
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.verdict.laws import laws_verdict
 
 Record = dict[str, Any]
 
@@ -48,6 +50,7 @@ def check_file(file: Path, markers: Path | None, volume: str | None, pictures: P
     for entry in entries:
         lines += [*_entry_lines(entry), *(f"  remark: {text}" for text in entry["remarks"])]
         lines += [] if entry["remarks"] else ["  sound: finite, continuous, every parameter has an effect"]
+    lines += judged(record, laws_verdict({e["name"]: e["remarks"] for e in entries}, len(points)))
     if pictures is not None:
         record |= _save(pictures, {name: of_user(law) for name, law in laws.items()})
         lines += [*not_drawn(record["not_drawn"]), f"pictures, on a half wing: {pictures}"]

@@ -11,12 +11,15 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn, png_alone
+from windmark.app.verdict_words import judged
 from windmark.errors import UsageError, g3
 from windmark.paint import PaintFit, TemperaturePaint
 from windmark.paint.cell_fit import MOST_P, MOST_T
 from windmark.paint.temperature_paint import MOST_ORDER
 from windmark.pipeline.psp.calibration import pressure_record, temperature_record
 from windmark.pipeline.psp.cell import CellTable, calibrate_paint, calibrate_temperature_paint, read_cell
+from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict.cell import pressure_verdict, temperature_verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +37,7 @@ def paint_calibrate(
         raise UsageError(f"--output {output}: expected the name of a JSON file; the picture beside it ends in .png")
     io.try_paths([output, picture], console.complain)
     cell = read_cell(table, pressure=not temperature)
-    record, lines, draw = (_temperature if temperature else _pressure)(cell, p_ref_Pa, t_ref_K, orders)
+    record, lines, verdict, draw = (_temperature if temperature else _pressure)(cell, p_ref_Pa, t_ref_K, orders)
     failed: list[str] = []
     drawn = png_alone(picture.name, draw, failed)
     with io.atomic_paths([output, *([] if drawn is None else [picture])]) as places:
@@ -43,9 +46,10 @@ def paint_calibrate(
             places[picture].write_bytes(drawn)
     written = [output] if drawn is None else [output, picture]
     key = "[temperature] paint" if temperature else "[paint] calibration"
-    lines += [*not_drawn(failed), f"written: {', '.join(map(str, written))}",
+    said = {**record, "output": output, "not_drawn": failed}
+    lines += [*judged(said, verdict), *not_drawn(failed), f"written: {', '.join(map(str, written))}",
               f"in a project: {key} = \"{output.name}\""]
-    console.answer({**record, "output": output, "not_drawn": failed}, as_json, lines)
+    console.answer(said, as_json, lines)
 
 
 def _orders(text: str | None, temperature: bool) -> tuple[int, ...] | None:
@@ -66,7 +70,7 @@ def _orders(text: str | None, temperature: bool) -> tuple[int, ...] | None:
 
 def _pressure(
     cell: CellTable, p_ref_Pa: float, t_ref_K: float, orders: tuple[int, ...] | None
-) -> tuple[Record, list[str], Callable[[], Figure]]:
+) -> tuple[Record, list[str], Verdict, Callable[[], Figure]]:
     fit = calibrate_paint(
         cell, p_ref_Pa=p_ref_Pa, t_ref_K=t_ref_K, orders=None if orders is None else (orders[0], orders[1])
     )
@@ -76,7 +80,7 @@ def _pressure(
 
         return pressure_picture(cell, fit)
 
-    return pressure_record(fit, cell.path), _pressure_lines(fit), draw
+    return pressure_record(fit, cell.path), _pressure_lines(fit), pressure_verdict(fit, cell), draw
 
 
 def _pressure_lines(fit: PaintFit) -> list[str]:
@@ -105,7 +109,7 @@ def _beyond(fit: PaintFit) -> str:
 
 def _temperature(
     cell: CellTable, p_ref_Pa: float, t_ref_K: float, orders: tuple[int, ...] | None
-) -> tuple[Record, list[str], Callable[[], Figure]]:
+) -> tuple[Record, list[str], Verdict, Callable[[], Figure]]:
     law = calibrate_temperature_paint(cell, t_ref_K=t_ref_K, order=None if orders is None else orders[0])
 
     def draw() -> Figure:
@@ -113,7 +117,9 @@ def _temperature(
 
         return temperature_picture(cell, law)
 
-    return temperature_record(law, cell.path, len(cell.ratio)), _temperature_lines(law, len(cell.ratio)), draw
+    rows = len(cell.ratio)
+    said = temperature_verdict(law, cell)
+    return temperature_record(law, cell.path, rows), _temperature_lines(law, rows), said, draw
 
 
 def _temperature_lines(law: TemperaturePaint, rows: int) -> list[str]:

@@ -13,8 +13,10 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.pov_verb import Wishes
+from windmark.app.verdict_words import judged
 from windmark.errors import UsageError
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.verdict.viewpoint import candidates_verdict
 from windmark.registration import PoseCandidates, pose_candidates
 from windmark.registration.candidates import COMPATIBLE
 
@@ -34,24 +36,22 @@ def show(wishes: Wishes, places: Mapping[str, tuple[float, float]], sigma_px: fl
     xyz = markers.xyz[[row[name] for name in places]]
     found = pose_candidates(np.array(list(places.values())), xyz, camera, sigma_px=sigma_px)
     record, lines = _listed(found, list(places), camera.focal_px, camera.size_px[0], wishes.unit)
+    verdict = candidates_verdict(found, list(places))
+    lines += judged(record, verdict)
     pose = found.decided
     if wishes.output is not None and pose is not None:
         io.write_camera(wishes.output, camera, pose, unit=wishes.unit)
         record["output"] = wishes.output
         lines.append(f"written: {wishes.output}")
     if not len(found) or not found.compatible.any():
-        why = "no pose shows the three markers so" if not len(found) else (
-            f"none of the {len(found)} poses that show {', '.join(list(places)[:3])} there shows the others where they"
-            f" are: a wrong label or place, or another camera"
-        )  # fmt: skip
         if not as_json:
             console.answer(record, False, lines)
-        console.refuse(why, as_json, record)
+        console.refuse(verdict.reason, as_json, record, verdict.next_step)
     if wishes.output is not None and pose is None:
         if not as_json:
             console.answer(record, False, lines)
-        console.refuse(f"{int(found.compatible.sum())} poses are left, nothing was written: give more labels", as_json,
-                       record)  # fmt: skip
+        console.refuse(f"{int(found.compatible.sum())} poses are left, nothing was written", as_json, record,
+                       verdict.next_step)  # fmt: skip
     console.answer(record, as_json, lines)
 
 
@@ -78,8 +78,8 @@ def _listed(
             for i, n in enumerate(names[3:], start=3)
         ]
         rows.append({"pov": pov, "station": pose.center, "further": further, "compatible": bool(found.compatible[k])})
-        angles = ", ".join(f"{v:.3f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg))
-        distances = ", ".join(f"{v:.3f}" for v in (pov.dx, pov.dy, pov.dz))
+        angles = ", ".join(f"{v:z.3f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg))
+        distances = ", ".join(f"{v:z.3f}" for v in (pov.dx, pov.dy, pov.dz))
         said = "; ".join(
             f"{f['marker']} behind the camera" if np.isnan(f["residual_px"])
             else f"{f['marker']} off by {f['residual_px']:.2f} px, {f['sigmas']:.1f} sigma" for f in further

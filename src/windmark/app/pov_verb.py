@@ -16,12 +16,14 @@ from windmark.app import console
 from windmark.app.alone import not_drawn, png_alone
 from windmark.app.commands.matching_options import grid_settings
 from windmark.app.convert_verb import parse_size
+from windmark.app.verdict_words import judged
 from windmark.errors import UsageError, WindmarkError, g2
 from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.framing import FOV_DEG, SIZE_PX
 from windmark.pipeline.grid import read_grid
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project_entries import GridEntry
+from windmark.pipeline.verdict.viewpoint import viewpoint_findings, viewpoint_verdict
 from windmark.pipeline.views import frame_view, perfect_camera, units_per_px
 from windmark.scene import Mesh
 
@@ -85,6 +87,8 @@ def show(wishes: Wishes, as_json: bool) -> None:
         difference, words = _difference(view, views[1], points)
         record |= {"other": other, "difference": difference}
         lines += [*more, *words]
+    found = [f.at(v.name) for v in views[:2] for f in viewpoint_findings(v.camera, v.pose, points, mesh)]
+    lines += judged(record, viewpoint_verdict(found, len(views), len(points) > 0))
     if wishes.output is not None:
         if view.unit is None:
             raise UsageError(f"{view.name}: nothing says the length unit; give --unit to write {wishes.output}")
@@ -230,7 +234,7 @@ def _described(view: Viewpoint, points: Array) -> tuple[Record, list[str]]:
     for name in (*NAMES, "fov_deg"):
         angle = name.endswith("_deg")
         known = "" if sigma is None or math.isnan(getattr(sigma, name)) else f"  sigma {g2(getattr(sigma, name))}"
-        digits = f"{round(getattr(pov, name), 5) + 0.0:.5f}"
+        digits = f"{getattr(pov, name):z.5f}"
         lines.append(f"  {name.removesuffix('_deg'):4s}{digits:>14s} {'deg' if angle else unit}{known}")
     lines += [
         f"  station in the model's frame: {_triple(view.pose.center)} {unit}",

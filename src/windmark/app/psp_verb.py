@@ -114,7 +114,7 @@ def _lines(records: list[PointRecord]) -> list[str]:
         taps = "" if r.taps is None or not np.isfinite(r.taps.rms) else f", taps {r.taps.rms:.4f} RMS in Cp"
         part = r.shown.get("all", 1.0)
         of = "" if part > WHOLE else f"loads of the {100 * part:.0f} % of the surface that cameras show: "
-        lines.append(f"  point {r.name}: alpha {r.alpha_deg:+.2f} deg, sigma(Cp) {r.median_sigma_cp:.4f}{taps}"
+        lines.append(f"  point {r.name}: alpha {r.alpha_deg:+z.2f} deg, sigma(Cp) {r.median_sigma_cp:.4f}{taps}"
                      + (f", {of}{words} (1 sigma)" if words else ""))  # fmt: skip
     lines += [f"  note: {remark} ({len(names)} of {len(done)} points)" for remark, names in
               [*grouped(done).items()][:SHOWN]]  # fmt: skip

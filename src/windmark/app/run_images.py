@@ -128,7 +128,7 @@ def _registration(
     report.table(
         ["marker", "x px", "y px", "dx px", "dy px", "distance px", "merit"],
         [
-            (names[k], *(f"{v:.3f}" for v in (*xy[k], *residual[k], size[k])), float(merit[k]))
+            (names[k], *(f"{v:z.3f}" for v in (*xy[k], *residual[k], size[k])), float(merit[k]))
             for k in np.argsort(names)
         ],
         scroll=True,
@@ -247,7 +247,7 @@ def _mapping(report: Report, item: ImageResult) -> None:
     report.heading("Values on the grid", 3)
     report.table(
         ["nodes", "count", "share %"],
-        [(NODE_STATES[k], n, f"{100 * n / max(len(values), 1):.1f}") for k, n in nodes.count().items() if n],
+        [(NODE_STATES[k], n, f"{100 * n / max(len(values), 1):.1f}") for k, n in nodes.counts.items() if n],
     )
     if item.quantity.words:
         report.text(f"{item.quantity.words[0].upper()}{item.quantity.words[1:]}.")

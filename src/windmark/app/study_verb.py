@@ -8,8 +8,10 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.verdict_words import judged
 from windmark.compiling import job_time
 from windmark.pipeline.study import Study, StudySettings, run_study
+from windmark.pipeline.verdict.study import study_verdict
 
 Record = dict[str, Any]
 
@@ -22,11 +24,14 @@ def study(settings: StudySettings, output: Path, as_json: bool) -> None:
         show("draw")
         failed = write_study(done, out.place)
         record = {**done.record(), "seconds": job_time() - start, "folder": output, "not_drawn": failed}
+        verdict = study_verdict(record["summary"])
+        said = judged(record, verdict)
         io.write_json(out.place / "summary.json", record)
-    lines = [*map(_line, record["summary"]), *not_drawn(failed), f"report: {output / 'study.html'}"]
+    lines = [*map(_line, record["summary"]), *said, *not_drawn(failed), f"report: {output / 'study.html'}"]
     console.answer(record, as_json, lines)
     if (done.missed == done.markers).all():
-        console.refuse("no marker was found at these settings; nothing can be said of the error", as_json)
+        console.refuse("no marker was found at these settings; nothing can be said of the error", as_json,
+                       next_step=verdict.next_step)  # fmt: skip
 
 
 def write_study(done: Study, place: Path) -> list[str]:

@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import Unreadable, not_drawn, write_png
+from windmark.app.verdict_words import judged
 from windmark.calibration import KEEP, corrected_camera, magnified_camera, magnify_distortion, redraw
 from windmark.calibration import undistort as correct
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
+from windmark.pipeline.clock import counting
+from windmark.pipeline.verdict.undistorted import undistort_verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,10 +59,11 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
     failed: list[str] = []
     with console.progress() as show, console.result_folder(wishes.output) as out:
         place = out.place
+        ended = counting(show, "undistort", len(images))
         for path in images:
-            show(f"undistort {path.name}")
             with lost.unless_readable(path.name, place):
                 written[path.name] = _one(path, place, camera, target, magnified, wishes)
+            ended(path.name)
         lost.refuse_unless(written)
         # An image of ones shows which pixels have a value; files have no word for "none" but 0.
         valid = redraw(np.ones(camera.size_px[::-1], np.uint8), camera, target).valid
@@ -76,11 +80,13 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
         "left_out": lost.why, "not_drawn": failed,
     }  # fmt: skip
     lines = [content.note] if content.note else []
-    lines += [f"{name}: {', '.join(files)}" for name, files in written.items()] + lost.lines() + not_drawn(failed)
+    lines += [f"{name}: {', '.join(str(wishes.output / f) for f in files)}" for name, files in written.items()]
+    lines += lost.lines() + not_drawn(failed)
     lines.append(f"{width} x {height} px, {filled:.1f} % of them filled (valid.png)")
     if content.cam_from_model is not None and content.length_unit is None:
         lines.append(f"{camera_file} does not say the length unit of its pose: the pose is left out")
     lines.append(f"{wishes.output / 'camera.json'} fits the corrected images: it has no distortion")
+    lines += judged(record, undistort_verdict(camera, len(written), lost.why))
     console.answer(record, as_json, lines)
 
 

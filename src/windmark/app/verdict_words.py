@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from typing import Any
 
 from windmark.app.report import Report
 from windmark.pipeline.verdict import BAD, DOUBTFUL, GOOD, Verdict, Word
@@ -25,6 +26,12 @@ def verdict_lines(verdict: Verdict) -> list[str]:
         f"{SIGNS[verdict.word]} {verdict.word}: {verdict.reason}",
         *([f"  next: {verdict.next_step}"] if verdict.next_step else []),
     ]
+
+
+def judged(record: dict[str, Any], verdict: Verdict) -> list[str]:
+    """Put a verdict into a job's record; its lines for the terminal."""
+    record["verdict"] = verdict.record()
+    return verdict_lines(verdict)
 
 
 def put_verdict(page: Report, verdict: Verdict) -> None:

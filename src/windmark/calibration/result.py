@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from windmark.adjust import SolveReport
 from windmark.errors import g2, g3
 from windmark.geometry import Camera, Pose
+from windmark.geometry.described import described
 from windmark.scene import Doubt, MarkerSet, Observations, View
-from windmark.scene.shown import described, pandas_table
+from windmark.scene.shown import pandas_table
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,10 @@ from windmark.deformation.sighting import LAW, MOTION
 from windmark.deformation.volumes import Placed, Volumes
 from windmark.errors import UsageError, g2, g3
 from windmark.geometry import Camera, Pose
+from windmark.geometry.described import described
 from windmark.geometry.rotations import hat
 from windmark.scene import Doubt, Mesh
-from windmark.scene.shown import described, pandas_table
+from windmark.scene.shown import pandas_table
 
 Array = NDArray[np.float64]
 
@@ -128,6 +129,15 @@ class Deformation:
             "parameter": list(self.parameters), "value": list(self.parameters.values()),
             "sigma": [sigma.get(n, float("nan")) for n in self.parameters],
         })  # fmt: skip
+
+    def plot(self, ax: Any = None) -> Any:
+        """How far the markers moved by the laws, enlarged by a round factor that the title says; matplotlib's axes."""
+        from windmark.scene import plots
+
+        moved, _ = self.markers_displaced(frame="model")
+        ax = plots.space_axes(ax, self.placed.xyz)
+        plots.space_arrows(ax, self.placed.xyz, moved)
+        return ax
 
     @property
     def warnings(self) -> tuple[str, ...]:

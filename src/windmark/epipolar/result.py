@@ -9,7 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.geometry.described import described
 from windmark.geometry.two_view import TwoView
+from windmark.scene.shown import pandas_table
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,6 +26,10 @@ CAUSES = {
 Cause = Literal["too_few", "nothing", "weak", "ambiguous"]
 
 
+@described(lambda m: {
+    "pairs": len(m), "open": f"{len(m.open_a)} and {len(m.open_b)}", "log10_nfa": f"{m.log10_nfa:.0f}",
+    "runner-up": "none" if m.runner_up is None else f"{m.runner_up[1]} pairs",
+})  # fmt: skip
 @dataclass(frozen=True)
 class PairMatching:
     """Spots of two pictures that are one marker, one to one.
@@ -68,6 +74,10 @@ class PairMatching:
 
     def __len__(self) -> int:
         return len(self.a)
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: the spots of every pair and their distance from the epipolar geometry."""
+        return pandas_table({"a": self.a, "b": self.b, "distance_px": self.distance_px})
 
     def __bool__(self) -> bool:
         return True

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 from windmark.geometry.camera_jacobian import point_jacobian, project_jacobian
+from windmark.geometry.described import described, numbers
 from windmark.geometry.lens import FISHEYE, LENSES, Lens, project, range2, tilt_homography
 from windmark.geometry.lens_inverse import fisheye_angles, undistort
 
@@ -37,6 +38,17 @@ LENS_PARAMETERS = {
 _LACKING = {lens: tuple(p for p in PARAMETERS if p not in has) for lens, has in LENS_PARAMETERS.items()}
 
 
+def _lens_figures(c: Camera) -> str:
+    """The model of the lens and what of it is not zero."""
+    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "tilt_x", "tilt_y")
+    some = [f"{name} {getattr(c, name):.4g}" for name in names if getattr(c, name)]
+    return " ".join([c.lens, *some] if some else ["none" if c.lens == "brown" else c.lens])
+
+
+@described(lambda c: {
+    "size px": f"{c.size_px[0]} x {c.size_px[1]}", "focal px": f"{c.focal_px:.6g}", "fov deg": f"{c.fov_deg:.4g}",
+    "centre px": numbers([c.cx, c.cy]), "lens": _lens_figures(c), "covariance": "no" if c.cov is None else "yes",
+})  # fmt: skip
 @dataclass(frozen=True)
 class Camera:
     """Interior parameters of one camera.

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError, UsageError, g2
 from windmark.geometry import rotations
+from windmark.geometry.described import described, numbers
 
 Array = NDArray[np.float64]
 
@@ -71,6 +72,9 @@ class PoV:
         return bool(abs(math.cos(math.radians(self.ry_deg))) < 1e-9)
 
 
+@described(lambda p: {
+    "turned deg": numbers(np.degrees(p.rotvec)), "translation": numbers(p.translation), "centre": numbers(p.center),
+})  # fmt: skip
 @dataclass(frozen=True)
 class Pose:
     """Rigid transformation target-from-source: ``x_target = rotation @ x_source + translation``.

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError, g3
+from windmark.geometry.described import described
 from windmark.paint.refusal import NotFitted
 from windmark.paint.stern_volmer import SternVolmer, law_slopes
 
@@ -34,6 +35,10 @@ RANK = 1e-10
 _ROUNDS = 6
 
 
+@described(lambda f: {
+    "order": f"{f.order[0]} in pressure and {f.order[1]} in temperature", "measurements": len(f.residuals),
+    "rms": g3(f.rms), "cross-validated": g3(f.cv_rms), "warnings": "; ".join(f.warnings) or "none",
+})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class PaintFit:
     """A calibration of a paint and how good it is.
@@ -57,7 +62,7 @@ class PaintFit:
     >>> p, t = (v.ravel() for v in np.meshgrid(np.linspace(2e4, 1.2e5, 6), [290.0, 300.0, 310.0]))
     >>> ratio = 0.2 + 0.8 * p / 1e5 + 0.005 * (t - 300.0)
     >>> fit = wm.fit_paint(p, t, ratio, p_ref=1e5, t_ref=300.0, ratio_sigma=0.001, order=(1, 1))
-    >>> (fit.law.coefficients.round(6) + 0.0).tolist()  # no -0.0
+    >>> (fit.law.coefficients.round(6) + 0.0).tolist()
     [[0.2, 0.005], [0.8, 0.0]]
     >>> bool(fit), fit.rms < 1e-9
     (True, True)

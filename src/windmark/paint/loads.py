@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import DataError, UsageError, g3
+from windmark.errors import DataError, UsageError, g2, g3
+from windmark.geometry.described import described
 from windmark.paint.axes import COEFFICIENTS, LoadReference
 from windmark.paint.carry import Carried, carried
 from windmark.paint.filling import fill_smoothly
@@ -16,7 +18,7 @@ from windmark.paint.modes import NodeField
 from windmark.paint.surface import Surface, joined_surface
 from windmark.paint.unseen import guesses_of
 from windmark.scene import Mesh
-from windmark.scene.shown import check_kinds
+from windmark.scene.shown import check_kinds, pandas_table
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,6 +28,10 @@ CLOSED = 1e-4
 part of its area."""
 
 
+@described(lambda loads: {
+    name: ", ".join(f"{k} {g3(v)} ± {g2(s)}" for k, v, s in zip(COEFFICIENTS[:3], row, sigma, strict=False))
+    for name, row, sigma in zip(loads.names, loads.value, loads.sigma, strict=True)
+})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class Loads:
     """Forces and moments of the pressure on a surface; of the paint's side of it alone, no base, no friction.
@@ -76,6 +82,13 @@ class Loads:
             raise UsageError(f"Loads: there is no row {name}; expected one of {', '.join(self.names)}")
         k = self.names.index(name)
         return {c: (float(self.value[k, j]), float(self.sigma[k, j])) for j, c in enumerate(COEFFICIENTS)}
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: volume, coefficient, value and sigma, a row for each."""
+        return pandas_table({
+            "volume": np.repeat(self.names, len(COEFFICIENTS)), "coefficient": np.tile(COEFFICIENTS, len(self.names)),
+            "value": self.value.ravel(), "sigma": self.sigma.ravel(),
+        })  # fmt: skip
 
     def dominant(self, name: str, coefficient: str) -> list[tuple[str, float]]:
         """What the variance of a coefficient is made of: causes with their share, the largest first."""

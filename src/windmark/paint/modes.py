@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
+from windmark.geometry.described import described
 from windmark.scene.shown import xarray_dataset
 
 Array = NDArray[np.float64]
@@ -29,6 +30,10 @@ MERGED = "*"
 """Ends the name of columns that `fewer_modes` made: they are no longer the cause of that name itself."""
 
 
+@described(lambda f: {
+    "nodes": len(f), "known": int(np.isfinite(f.value).sum()), "unit": f.unit or "none",
+    "modes": ", ".join(dict.fromkeys(n.partition(":")[0] for n in f.names)) or "none",
+})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class NodeField:
     """A quantity on N nodes (or taps, points) with its uncertainty.

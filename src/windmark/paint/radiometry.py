@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.errors import DataError, UsageError
+from windmark.errors import DataError, UsageError, g3
+from windmark.geometry.described import described
 from windmark.scene.levels import clipped_level
 from windmark.scene.shown import ARRAY, check_kinds
 
@@ -74,6 +75,10 @@ class Linearity:
         return np.where(outside, np.nan, light), slope, outside
 
 
+@described(lambda m: {
+    "gain": f"{m.gain:.4g}", "saturation": f"{m.saturation:g}", "read sigma": g3(m.read_variance**0.5),
+    "flat": "even" if m.flat is None else "yes", "dead pixels": 0 if m.dead is None else int(m.dead.sum()),
+})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class SensorModel:
     """A camera's sensor.

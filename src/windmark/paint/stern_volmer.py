@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
+from windmark.geometry.described import described
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint8]
@@ -31,6 +32,11 @@ STEPS = 65
 _ITERATIONS = 60
 
 
+@described(lambda p: {
+    "order": p.order, "pressure": f"{p.p_range[0]:g} to {p.p_range[1]:g} {p.pressure_unit}",
+    "temperature": f"{p.t_range[0]:g} to {p.t_range[1]:g} {p.temperature_unit}",
+    "covariance": "no" if p.cov is None else "yes",
+})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class SternVolmer:
     """A calibrated paint.

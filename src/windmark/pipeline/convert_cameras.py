@@ -71,6 +71,7 @@ def convert_camera(source: Path, target: Path, options: CameraOptions) -> Record
         "kind": "camera", "input": source, "from": content.format, "output": target, "to": kind,
         "size_px": camera.size_px, "focal_px": camera.focal_px, "pose": pose is not None, "length_unit": unit,
         "scale": factor, "notes": [n for n in (content.note, *_lost(content, kind, options.no_pose)) if n],
+        "distance": None if pose is None else float(np.linalg.norm(pose.translation)),
         "read_back_largest_px": largest_difference_px(camera, again.camera),
     }  # fmt: skip
 

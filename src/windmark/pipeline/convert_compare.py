@@ -28,6 +28,7 @@ class Difference:
     relative : the same as part of the largest coordinate
     turned : triangles that face the other way
     lost : what the format does not hold, in words
+    harm : of it, what later jobs would measure with: values, sides, blanked nodes
     problem : why this is not the same surface; "" where it is
     """
 
@@ -35,6 +36,7 @@ class Difference:
     relative: float
     turned: int
     lost: tuple[str, ...]
+    harm: tuple[str, ...] = ()
     problem: str = ""
 
     @property
@@ -51,7 +53,7 @@ def compare(meant: GridFile, again: GridFile) -> Difference:
     a, b = meant.mesh, again.mesh
     if len(a.triangles) != len(b.triangles):
         problem = f"read back it has {len(b.triangles)} triangles instead of {len(a.triangles)}"
-        return Difference(np.inf, np.inf, 0, (), problem)
+        return Difference(np.inf, np.inf, 0, (), problem=problem)
     used = np.zeros(len(a.vertices), dtype=bool)
     used[a.triangles] = True
     size = float(np.abs(a.vertices[used]).max(initial=0.0))
@@ -64,7 +66,8 @@ def compare(meant: GridFile, again: GridFile) -> Difference:
         off = max(off, float(nodes)) if nodes <= _TOLERANCE * size else off
     relative = off / size if size else 0.0
     problem = "" if relative <= _TOLERANCE else f"read back, a corner of a triangle is off by {g3(off)}"
-    return Difference(off, relative, turned, tuple(_lost(meant, again, turned)), problem)
+    harm = tuple(_lost_content(meant, again, turned))
+    return Difference(off, relative, turned, (*_lost_form(meant, again), *harm), harm, problem)
 
 
 def _corner_differences(a: Mesh, b: Mesh) -> tuple[float, int]:
@@ -87,7 +90,8 @@ def _corner_differences(a: Mesh, b: Mesh) -> tuple[float, int]:
     return best
 
 
-def _lost(meant: GridFile, again: GridFile, turned: int) -> list[str]:
+def _lost_form(meant: GridFile, again: GridFile) -> list[str]:
+    """Units, structure and names."""
     a, b = meant.mesh, again.mesh
     lost = list(meant.left_out)
     if meant.length_unit and again.length_unit != meant.length_unit:
@@ -96,14 +100,10 @@ def _lost(meant: GridFile, again: GridFile, turned: int) -> list[str]:
         lost.append(f"the structure of {len(a.blocks)} block{'s' * (len(a.blocks) > 1)}")
     elif [k.name for k in a.blocks] != [k.name for k in b.blocks]:
         lost.append(f"the names of the blocks ({_named([k.name for k in a.blocks])})")
-    if a.blanked is not None and a.blanked.any() and b.blanked is None:
-        lost.append(f"the mark of {int(a.blanked.sum())} blanked nodes")
     if len(b.vertices) != len(a.vertices):
         lost.append(f"{len(a.vertices) - len(b.vertices)} of {len(a.vertices)} nodes (double ones, or in no triangle)"
                     if len(b.vertices) < len(a.vertices) else
                     f"common nodes of parts: {len(a.vertices)} became {len(b.vertices)}")  # fmt: skip
-    if turned:
-        lost.append(f"the orientation of {turned} triangles, which face the other way (the format holds blocks only)")
     names, read = np.unique(a.volume), np.unique(b.volume)
     if len(names) > 1 and len(read) == 1:
         lost.append(f"the {len(names)} volumes ({_named(names.tolist())})")
@@ -111,6 +111,17 @@ def _lost(meant: GridFile, again: GridFile, turned: int) -> list[str]:
         lost.append(f"the names of the volumes ({_named(names.tolist())} are now {_named(read.tolist())})")
     elif len(names) == 1 and names.tolist() != read.tolist() and names[0] != "model":
         lost.append(f"the volume's name ({names[0]})")
+    return lost
+
+
+def _lost_content(meant: GridFile, again: GridFile, turned: int) -> list[str]:
+    """Sides, blanked nodes and values."""
+    a, b = meant.mesh, again.mesh
+    lost = []
+    if a.blanked is not None and a.blanked.any() and b.blanked is None:
+        lost.append(f"the mark of {int(a.blanked.sum())} blanked nodes")
+    if turned:
+        lost.append(f"the orientation of {turned} triangles, which face the other way (the format holds blocks only)")
     fields = [name for name in meant.fields if name not in again.fields]
     if fields:
         lost.append(f"the values {_named(fields)}")

@@ -94,7 +94,8 @@ def convert_grid(source: Path, target: Path, options: GridOptions) -> Record:
         "nodes": len(mesh.vertices), "triangles": len(mesh.triangles), "blocks": len(mesh.blocks),
         "volumes": np.unique(mesh.volume).tolist(), "values": list(grid.fields), "length_unit": unit or None,
         "scale": factor, "layout": None if layout is None else layout.words, "done": done,
-        "lost": list(difference.lost), "nodes_read_back": len(again.mesh.vertices),
+        "lost": list(difference.lost), "harm": list(difference.harm),
+        "size": float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))), "nodes_read_back": len(again.mesh.vertices),
         "read_back_largest": difference.largest, "read_back_relative": difference.relative,
         "read_back": difference.words,
     }  # fmt: skip

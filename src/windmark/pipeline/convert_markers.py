@@ -51,7 +51,7 @@ def convert_markers(source: Path, target: Path, options: MarkerOptions) -> Recor
     with io.atomic_path(target) as temporary:
         write(temporary, markers, length_unit=unit)
         again = io.read_markers(temporary, roles=None)
-        lost, off = _compared(target, markers, again)
+        lost, harm, off = _compared(target, markers, again)
     if from_tgts:
         lost.insert(0, "zone, i and j, the entries' places in the grid file")
     if not unit:
@@ -62,7 +62,8 @@ def convert_markers(source: Path, target: Path, options: MarkerOptions) -> Recor
         "markers": len(markers), "roles": dict(zip(roles.tolist(), counts.tolist(), strict=True)),
         "with_normal": int(np.isfinite(markers.normal).all(axis=1).sum()),
         "with_radius": int(np.isfinite(markers.radius).sum()), "length_unit": unit or None, "scale": factor,
-        "lost": lost, "read_back_largest": off,
+        "lost": lost, "harm": harm, "size": float(np.linalg.norm(np.ptp(markers.xyz, axis=0))) if len(markers) else 0.0,
+        "read_back_largest": off,
     }  # fmt: skip
 
 
@@ -70,8 +71,10 @@ def _format(path: Path) -> str:
     return "tgts" if path.suffix.lower() == ".tgts" else "CSV"
 
 
-def _compared(target: Path, meant: MarkerSet, again: MarkerSet) -> tuple[list[str], float]:
-    """What the file read back lacks, and by how much its numbers differ from what was meant; its order may differ."""
+def _compared(target: Path, meant: MarkerSet, again: MarkerSet) -> tuple[list[str], list[str], float]:
+    """What the file read back lacks, what of it later jobs would measure with, and by how much its numbers differ from
+    what was meant; its order may differ.
+    """
     place = {name: k for k, name in enumerate(again.name.tolist())}
     missing = [name for name in meant.name.tolist() if name not in place]
     if missing or len(again) != len(meant):
@@ -86,6 +89,7 @@ def _compared(target: Path, meant: MarkerSet, again: MarkerSet) -> tuple[list[st
     changed = meant.role != same.role
     for role in np.unique(meant.role[changed]).tolist():
         lost.append(f"the role {role} of {int((meant.role == role).sum())} markers, which are targets now")
+    harm = list(lost)
     if any(place[name] != k for k, name in enumerate(meant.name.tolist())):
         lost.append("the order: entries stand in their sections")
     pairs = [(meant.xyz, same.xyz), (meant.normal, same.normal), (meant.radius, same.radius)]
@@ -94,4 +98,4 @@ def _compared(target: Path, meant: MarkerSet, again: MarkerSet) -> tuple[list[st
     off = max(float(np.nanmax(np.abs(a - b), initial=0.0)) for a, b in pairs)
     if off > 1e-9 * max(1.0, float(np.abs(meant.xyz).max())):
         raise io.FileError(target, f"read back, a number is off by {g3(off)}; so it was not written")
-    return lost, off
+    return lost, harm, off

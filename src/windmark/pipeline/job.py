@@ -6,12 +6,13 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from windmark import io
 from windmark.geometry import Camera, Pose
-from windmark.pipeline.clock import Clock, Progress, silent
+from windmark.pipeline.clock import Clock, Progress, counting, silent
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.grid import oriented, read_surface, with_curvature
 from windmark.pipeline.instants import locate_together, read_rig
@@ -136,9 +137,12 @@ def _located(inputs: Inputs, progress: Progress, threads: int) -> list[ImageResu
     project = inputs.project
     done: dict[str, ImageResult] = {}
     if project.instants:
-        done = locate_together(inputs, progress, lambda work, items: _in_parallel(work, items, threads))
+        done = locate_together(
+            inputs, progress, lambda work, items: _in_parallel(work, items, threads, progress, "look at")
+        )
     alone = [entry for entry in project.image if entry.label not in done]
-    done |= {r.name: r for r in _in_parallel(lambda entry: locate(entry, inputs, progress), alone, threads)}
+    look = partial(locate, inputs=inputs, progress=progress)
+    done |= {r.name: r for r in _in_parallel(look, alone, threads, progress, "look at")}
     return [done[entry.label] for entry in project.image]
 
 
@@ -166,7 +170,9 @@ def _mapped(
     project, mesh = inputs.project, inputs.mesh
     if mesh is None:
         return images, ()
-    images = _in_parallel(lambda i: map_image(i, project, mesh, framed, pixels, progress, points), images, threads)
+    images = _in_parallel(
+        lambda i: map_image(i, project, mesh, framed, pixels, progress, points), images, threads, progress, "map"
+    )
     merged: tuple[MergeResult, ...] = ()
     if project.merge:
         with clock("merge"):
@@ -177,9 +183,18 @@ def _mapped(
     return images, merged
 
 
-def _in_parallel(work: Callable[[T], ImageResult], items: Sequence[T], threads: int) -> list[ImageResult]:
+def _in_parallel(
+    work: Callable[[T], ImageResult], items: Sequence[T], threads: int, progress: Progress, stage: str
+) -> list[ImageResult]:
+    ended = counting(progress, stage, len(items))
+
+    def one(item: T) -> ImageResult:
+        result = work(item)
+        ended(result.name)
+        return result
+
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        jobs = [pool.submit(work, item) for item in items]
+        jobs = [pool.submit(one, item) for item in items]
         try:
             return [job.result() for job in jobs]
         except BaseException:  # Ctrl-C too: images that have not started are dropped, not waited for

@@ -107,7 +107,7 @@ def _each(items: Iterable[S], make: Callable[[S], T], lost: list[str]) -> tuple[
 
 def _counted(nodes: NodeView) -> str:
     """Why the nodes are not seen."""
-    return ", ".join(f"{count} {why}" for why, count in nodes.count().items() if count)
+    return ", ".join(f"{count} {why}" for why, count in nodes.counts.items() if count)
 
 
 def _view(

@@ -45,7 +45,10 @@ from windmark.pipeline.wanted import LineEntry, MergeOptions, PointsEntry, check
 
 
 class Project(Strict):
-    """A whole job. `path` is the project file; other paths are already absolute."""
+    """A whole job. `path` is the project file; other paths are already absolute.
+
+    ``title``: of the report. ``length_unit``: of every length in this file, and of files that do not say theirs.
+    """
 
     path: Path
     title: str

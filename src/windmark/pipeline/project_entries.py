@@ -65,6 +65,9 @@ class CameraEntry(Strict):
 
     ``pose = "find"``: a pose in the file is only compared with, never used as a start.
     ``pose = "known"``: the pose in the file is taken as it is and nothing is matched.
+
+    ``name``: by which images and results call it. ``file``: its lens, of any format that `windmark convert` reads, and
+    its pose where one is known. ``pose``: "find" it in each image, or "known": that of the file.
     """
 
     name: str = "camera"
@@ -83,6 +86,9 @@ class ImageEntry(Strict):
     take no part. The spot nearest to such a place is meant, at most ``register.label_distance_px`` away.
     ``point``: of the test (a time, a step of a polar): images of the same point are merged; with a ``[rig]`` they
     are of one instant.
+
+    ``file``: picture, frame or pattern. ``name``: of its results, by default the stem of the file. ``camera``: that
+    took it, where there are several. ``page``: of a multipage TIFF, from 0.
     """
 
     file: Path
@@ -113,7 +119,10 @@ class ImageEntry(Strict):
 
 
 class MarkersEntry(Strict):
-    """The markers' table; only the given roles are matched. Where the model moved, leave the walls out."""
+    """The markers' table; only the given roles are matched. Where the model moved, leave the walls out.
+
+    ``file``: CSV or ``.tgts``. ``roles``: which markers take part.
+    """
 
     file: Path
     roles: Annotated[tuple[Role, ...], Field(min_length=1)] = ("model", "wall", "primary", "secondary")
@@ -129,6 +138,8 @@ class GridEntry(Strict):
     ``orientation``: "auto" turns the triangles to the air: the side that the cameras see, the outside of a body and
     the inside of walls (see `windmark.orient_outward`); "file" takes them as they are. ``volume_face``: of a file with
     volume blocks, the face that is the surface.
+
+    ``file``: PLOT3D, STL, OBJ, PLY, VTK, Tecplot, Cart3D.
     """
 
     file: Path
@@ -189,14 +200,23 @@ class RegisterOptions(Strict):
 
 
 class ResectOptions(Strict):
-    """How values are taken from the image."""
+    """How values are taken from the image.
+
+    ``max_obliquity_deg``: surface seen more obliquely gets no value. ``interpolation``: between pixels: "cubic" spline
+    or "linear".
+    """
 
     max_obliquity_deg: Annotated[float, Field(gt=0, le=90)] = 80.0
     interpolation: Literal["linear", "cubic"] = "cubic"
 
 
 class PovEntry(Strict):
-    """The paper's point of view (see docs/conventions.md): angles in degrees, distances in the length unit."""
+    """The paper's point of view (see docs/conventions.md): angles in degrees, distances in the length unit.
+
+    ``rx_deg``: turn of the model about the camera's x axis (to the right). ``ry_deg``: about its y axis (down).
+    ``rz_deg``: about its z axis (ahead). ``dx``: place of the model's origin to the right of the camera. ``dy``: below
+    it. ``dz``: ahead of it.
+    """
 
     rx_deg: Finite
     ry_deg: Finite
@@ -214,6 +234,10 @@ class ViewEntry(Strict):
     - ``pov``: the paper's numbers, with ``fov_deg``.
     - ``camera``: a camera file with a pose; its lens and size, unless ``size_px`` or ``fov_deg`` are given: then a
       perfect camera of this size and field of view (its own by default) in the same place.
+
+    ``name``: of its pictures. ``direction``: that it looks along, in the frame of the model. ``up``: points to the top
+    of the picture. ``volumes``: on which it is framed, by default all that take part. ``size_px``: width and height of
+    the picture. ``fov_deg``: full horizontal field of view.
     """
 
     name: str
@@ -250,7 +274,11 @@ def _parallel(a: Vector, b: Vector) -> bool:
 
 
 class SectionEntry(Strict):
-    """A cut of the surface by a plane: values along the line, every `spacing` length units or at each grid line."""
+    """A cut of the surface by a plane: values along the line, every `spacing` length units or at each grid line.
+
+    ``name``: of its results. ``point``: of the plane. ``normal``: of the plane. ``spacing``: of the values along the
+    line, by default one at each grid line.
+    """
 
     name: str
     point: Vector
@@ -264,6 +292,8 @@ class AlignOptions(Strict):
     What the grid's volumes say moves; all else stays. ``background``: pixels that show none of it in the reference
     image are "blank" (NaN), or, for images of one camera that stands still, "keep" the image's own grey level, but
     for those that the model hides in that image (NaN).
+
+    ``reference``: name of the image whose pose all others get.
     """
 
     reference: str
@@ -274,6 +304,8 @@ class OutputOptions(Strict):
     """What is written, and where. ``nodes``: formats of the node values, by default all that the grid allows.
 
     ``pixels``: also the surface point behind every pixel of each image (NetCDF).
+
+    ``folder``: of the results.
     """
 
     folder: Path = Path("results")

@@ -23,6 +23,8 @@ class MergeOptions(Strict):
     ``black``: the grey level without light of all pictures. ``reference``: the image whose grey levels are kept.
     ``taper_deg``, ``taper_px``: how far before the obliquity's limit, and how
     near to borders and outlines, the weight of a picture falls to nothing.
+
+    ``offset``: also find each picture's grey level without light.
     """
 
     images: tuple[str, ...] | None = None
@@ -46,6 +48,8 @@ class PointsEntry(Strict):
     ``file``: CSV ``name,x,y,z[,nx,ny,nz][,volume][,role][,...]`` or ``.tgts``. ``roles``: which rows; by default the
     taps of a ``.tgts`` file, everything of a CSV table. ``max_distance``: points are moved onto the nearest surface
     within it; 0.002 of the grid's size (`Mesh.size`) by default.
+
+    ``name``: of the results, by default the stem of the file.
     """
 
     file: Path
@@ -64,6 +68,9 @@ class LineEntry(Strict):
 
     ``normal``: of the plane that cuts the surface along the line, such as [0, 1, 0] for a span station.
     ``max_distance``: how far the surface may be from start and end; 0.002 of the grid's size (`Mesh.size`) by default.
+
+    ``name``: of its results. ``start``: first point. ``end``: last point. ``n``: number of values. ``spacing``: of the
+    values, in place of their number.
     """
 
     name: str

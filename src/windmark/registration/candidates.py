@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose, p3p
+from windmark.geometry.described import described
 from windmark.geometry.rotations import hat
 from windmark.scene.shown import ARRAY, check_kinds
 
@@ -18,6 +19,7 @@ COMPATIBLE = 4.0
 """A marker whose spot lies more sigmas off than this (of its two-dimensional distance) contradicts a candidate."""
 
 
+@described(lambda p: {"poses": len(p), "compatible": int(p.compatible.sum())})  # fmt: skip
 @dataclass(frozen=True)
 class PoseCandidates:
     """Every pose that sees three markers where their spots are, best first.

@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.adjust import SolveReport
 from windmark.errors import g2, g3
 from windmark.geometry import Camera, Pose
+from windmark.geometry.described import described
 from windmark.registration.cached import cached_property
 from windmark.registration.directions import WeakDirection, weak_directions
 from windmark.scene import Detections, MarkerSet, Matching
-from windmark.scene.shown import described, pandas_table
+from windmark.scene.shown import pandas_table
 
 Array = NDArray[np.float64]
 

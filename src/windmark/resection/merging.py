@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import UsageError
+from windmark.geometry.described import described
 from windmark.resection.gains import LEAST_OVERLAP, Gains, overlap_gains
 from windmark.resection.nearest import SurfacePoints
 from windmark.resection.pixelmap import PixelMap
@@ -58,6 +59,10 @@ class MergedValues:
     pictures: NDArray[np.int8]
 
 
+@described(lambda m: {
+    "pictures": ", ".join(m.names), "nodes": len(m.nodes.value), "with value": int(np.isfinite(m.nodes.value).sum()),
+    "left out": ", ".join(m.left_out) or "none",
+})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class MergedViews:
     """Pictures merged on a surface.
@@ -66,7 +71,7 @@ class MergedViews:
     ----------
     mesh : the surface
     names : of the C pictures that take part; ``nodes.source`` counts in them
-    nodes : value, sigma, source and number of pictures of every node
+    nodes : of every node the value with its sigma, the source and the number of pictures
     views : (C) where each picture sees the nodes and why not
     values, sigmas : (C, V) of every picture by itself, gains applied; NaN where it has none
     gains : relative gains

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
+from windmark.geometry.described import described
 from windmark.geometry.rays import pixel_rays
 from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, for_kernels, single_pose, to_camera_frame
 from windmark.scene import Mesh
@@ -17,6 +18,9 @@ from windmark.scene.shown import check_kinds, xarray_dataset
 Array = NDArray[np.float64]
 
 
+@described(lambda m: {
+    "pixels": f"{m.triangle.shape[1]} x {m.triangle.shape[0]}", "on the surface": int(m.valid.sum()),
+})  # fmt: skip
 @dataclass(frozen=True)
 class PixelMap:
     """The surface point behind every pixel of one view.

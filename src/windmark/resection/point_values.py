@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
+from windmark.geometry.described import described
 from windmark.resection.nearest import SurfacePoints, nearest_on_surface
 from windmark.resection.noise import NoiseLaw
 from windmark.resection.reasons import REASONS, VISIBLE
@@ -30,6 +31,7 @@ is meant; no_pixel: the picture has no value there (NaN); no_place: the coordina
 FAR, EITHER_SIDE, NO_PIXEL, NO_PLACE = range(len(REASONS), len(POINT_REASONS))
 
 
+@described(lambda p: {"points": len(p), "with value": int((p.reason == 0).sum())})  # fmt: skip
 @dataclass(frozen=True)
 class PointValues:
     """Values at N points.

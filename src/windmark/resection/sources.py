@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
+from windmark.geometry.described import described
 from windmark.geometry.rotations import hat
 from windmark.resection.noise import NoiseLaw, noise_law
 from windmark.resection.pixelmap import map_pixels
@@ -24,6 +25,9 @@ LEAST_SHARE = 1e-4
 """What is left of a weight at the border: where no other picture sees the point the value stays, else it yields."""
 
 
+@described(lambda p: {
+    "name": p.name, "size": " x ".join(str(n) for n in np.shape(p.image)[1::-1]), "camera": p.camera,
+})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class Picture:
     """One picture of the model with its camera, as merging and sampling take it.

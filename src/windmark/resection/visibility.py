@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
+from windmark.geometry.described import described
 from windmark.resection.casting import cast, for_kernels, single_pose, to_camera_frame
 from windmark.resection.reasons import BLANKED, FACING_AWAY, HIDDEN, OBLIQUE, REASONS, VISIBLE
 from windmark.scene import Mesh
-from windmark.scene.shown import check_kinds
+from windmark.scene.shown import check_kinds, pandas_table
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
@@ -23,6 +25,10 @@ Tolerance = float | Array | None
 _TOLERANCE = 1e-5
 
 
+@described(lambda v: {
+    "nodes": len(v), "visible": int(v.visible.sum()),
+    "picture": "not said" if v.size_px is None else f"{v.size_px[0]} x {v.size_px[1]} px",
+})  # fmt: skip
 @dataclass(frozen=True)
 class NodeView:
     """Nodes (or other points of the surface) as one camera sees them.
@@ -44,7 +50,7 @@ class NodeView:
     >>> view = wm.see_nodes(plate, wm.Camera((64, 48), 60.0), beside)
     >>> view.visible.tolist(), view.xy.round(1).tolist()
     ([False, True, True, False], [[-4.5, 38.5], [25.5, 38.5], [25.5, 8.5], [-4.5, 8.5]])
-    >>> view.count()
+    >>> view.counts
     {'visible': 2, 'blanked': 0, 'lens': 0, 'outside': 2, 'facing_away': 0, 'oblique': 0, 'hidden': 0}
     """
 
@@ -62,7 +68,15 @@ class NodeView:
         """(V,): in the picture, turned to the camera and not hidden."""
         return self.reason == VISIBLE
 
-    def count(self) -> dict[str, int]:
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: place, depth, obliquity of every node, and whether it is visible or why not."""
+        return pandas_table({
+            "x": self.xy[:, 0], "y": self.xy[:, 1], "depth": self.depth, "obliquity_deg": self.obliquity_deg,
+            "reason": np.array(REASONS)[self.reason],
+        })  # fmt: skip
+
+    @property
+    def counts(self) -> dict[str, int]:
         """How many nodes there are of each of `REASONS`."""
         return dict(zip(REASONS, np.bincount(self.reason, minlength=len(REASONS)).tolist(), strict=True))
 

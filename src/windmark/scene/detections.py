@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import g2, g3
-from windmark.scene.shown import described, pandas_table
+from windmark.geometry.described import described
+from windmark.scene.shown import pandas_table
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -186,6 +187,10 @@ class Matching:
         # Sets are several times faster than np.unique on the few entries of one image.
         if any(len(set(np.asarray(c).tolist())) != len(c) for c in (self.detection, self.marker)):
             raise ValueError("Matching: every detection and every marker may appear only once")
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: detection, marker and distance of every pair."""
+        return pandas_table({"detection": self.detection, "marker": self.marker, "distance_px": self.distance_px})
 
     def __len__(self) -> int:
         return len(self.detection)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import UsageError, g3
+from windmark.geometry.described import described
 from windmark.scene.markers import MarkerSet
 
 Array = NDArray[np.float64]
@@ -19,6 +20,7 @@ such a combination is known a thousand times better than the coordinates, as the
 survey's own free network."""
 
 
+@described(lambda m: {"markers": len(m), "length unit": m.length_unit or "not said"})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class MarkerCovariance:
     """Joint covariance of markers' coordinates; singular ones are allowed (a survey in its own inner datum).

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.scene.shown import described, pandas_table
+from windmark.geometry.described import described
+from windmark.scene.shown import pandas_table
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.scene.shown import described
+from windmark.geometry.described import described
 
 Array = NDArray[np.float64]
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
-from windmark.scene.shown import described
+from windmark.geometry.described import described
+from windmark.scene.shown import pandas_table
 
 
 @dataclass(frozen=True)
@@ -72,10 +74,21 @@ class Observations:
         if not (np.isfinite(self.xy).all() and np.isfinite(self.cov).all()):
             raise ValueError("Observations: xy and cov must be finite")
 
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: view, point, place and its sigmas of every mark."""
+        sigma = np.sqrt(np.diagonal(self.cov, axis1=1, axis2=2))
+        return pandas_table({
+            "view": self.view, "point": self.point, "x": self.xy[:, 0], "y": self.xy[:, 1], "sigma_x": sigma[:, 0],
+            "sigma_y": sigma[:, 1],
+        })  # fmt: skip
+
     def __len__(self) -> int:
         return len(self.xy)
 
 
+@described(lambda t: {
+    "marks": len(t.track), "tracks": len(np.unique(t.track)), "views": len(np.unique(t.view)),
+})  # fmt: skip
 @dataclass(frozen=True)
 class Tracks:
     """Spots of many views that are one physical marker.

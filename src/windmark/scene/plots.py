@@ -40,6 +40,34 @@ def pixel_axes(ax: Any, image: ArrayLike | None, xy: ArrayLike) -> Any:
     return ax
 
 
+def space_axes(ax: Any, xyz: ArrayLike) -> Any:
+    """Axes of matplotlib in space, all three at one scale, around the places (M, 3); ``ax`` None: new ones."""
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        _, ax = plt.subplots(subplot_kw={"projection": "3d"}, layout="constrained")
+    places = np.asarray(xyz, dtype=float).reshape(-1, 3)
+    ax.set(xlabel="x", ylabel="y", zlabel="z")
+    if len(places):
+        low, high = places.min(axis=0), places.max(axis=0)
+        room = 0.55 * max(float((high - low).max()), 1e-12)
+        middle = 0.5 * (low + high)
+        ax.set(**{f"{axis}lim": (m - room, m + room) for axis, m in zip("xyz", middle, strict=True)})
+    return ax
+
+
+def space_arrows(ax: Any, xyz: ArrayLike, delta: ArrayLike, color: str = "tab:red") -> None:
+    """Displacements (M, 3) as arrows at their places (M, 3), enlarged by a round factor that the title says."""
+    places, steps = (np.asarray(a, dtype=float).reshape(-1, 3) for a in (xyz, delta))
+    ax.plot(*places.T, ".", color="tab:gray")
+    longest = float(np.linalg.norm(steps, axis=1).max(initial=0.0))
+    if not longest > 0:
+        return
+    factor = round_length(2 * LONGEST * abs(float(np.ptp(ax.get_xlim()))) / longest)
+    ax.quiver(*places.T, *(factor * steps.T), color=color)
+    ax.set_title(f"displacements x {factor:g}, the longest is {g2(longest)}")
+
+
 def round_length(value: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is not above ``value``."""
     power = 10.0 ** np.floor(np.log10(value))

@@ -1,37 +1,13 @@
-"""How nouns and results look in a session and a notebook: a few figures, not their arrays; as tables and datasets."""
+"""Nouns and results as tables and datasets; arguments of the wrong kind."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass
-from html import escape
-from typing import Any, TypeVar
+from typing import Any
 
 from windmark.errors import UsageError
-
-T = TypeVar("T")
-
-
-def described(figures: Callable[[Any], Mapping[str, object]]) -> Callable[[type[T]], type[T]]:
-    """A class whose ``repr`` and notebook table have ``figures(self)`` alone. Goes above ``@dataclass``."""
-
-    def put(cls: type[T]) -> type[T]:
-        def text(self: T) -> str:
-            return f"{cls.__name__}({', '.join(f'{k}={v}' for k, v in figures(self).items())})"
-
-        def table(self: T) -> str:
-            rows = "".join(
-                f"<tr><th align='left'>{escape(k)}</th><td align='left'>{escape(str(v))}</td></tr>"
-                for k, v in figures(self).items()
-            )
-            return f"<table><caption>{cls.__name__}</caption>{rows}</table>"
-
-        cls.__repr__ = text  # type: ignore[method-assign,assignment]
-        cls._repr_html_ = table  # type: ignore[attr-defined]
-        return cls
-
-    return put
 
 
 def pandas_table(columns: Mapping[str, Any]) -> Any:

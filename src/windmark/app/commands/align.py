@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import ranged, written
+from windmark.app.commands.grouped import FLAT, GRID, INPUT, ranged, written
 from windmark.app.commands.matching_options import (
     ROLES_ALIGN,
     Mask,
@@ -48,39 +48,58 @@ def align(
     images: Annotated[list[Path], typer.Argument(help="Images of one camera, or its recording.")],
     reference: Annotated[
         str | None,
-        typer.Option(help="Name (file stem) of the image that the others are aligned to. [default: the first]"),
+        typer.Option(
+            help="Name (file stem) of the image that the others are aligned to. [default: the first]",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
-    markers: Annotated[Path | None, typer.Option("--markers", "-m", help="3D: marker table, CSV or .tgts.")] = None,
-    camera: Annotated[Path | None, typer.Option("--camera", "-c", help="3D: camera (see convert).")] = None,
+    markers: Annotated[
+        Path | None, typer.Option("--markers", "-m", help="3D: marker table, CSV or .tgts.", rich_help_panel=INPUT)
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option("--camera", "-c", help="3D: camera (see convert).", rich_help_panel=INPUT)
+    ] = None,
     grid: Annotated[
-        Path | None, typer.Option("--grid", "-g", help="3D: surface grid, PLOT3D, STL, OBJ, PLY, VTK.")
+        Path | None,
+        typer.Option("--grid", "-g", help="3D: surface grid, PLOT3D, STL, OBJ, PLY, VTK.", rich_help_panel=INPUT),
     ] = None,
     unit: Annotated[
-        str | None, typer.Option("--unit", help="3D: length unit of markers and grid: in, ft, mm, cm, m.")
+        str | None,
+        typer.Option("--unit", help="3D: length unit of markers and grid: in, ft, mm, cm, m.", rich_help_panel=INPUT),
     ] = None,
     radius: Radius = None,
     polarity: Polarity = POLARITY_OR_AUTO.default,
     merit_max: MeritMax = MERIT_MAX.default,
-    kind: Annotated[str, typer.Option(help="2D: auto, similarity, affine, projective, poly2, poly3, spline.")] = "auto",
+    kind: Annotated[
+        str, typer.Option(help="2D: auto, similarity, affine, projective, poly2, poly3, spline.", rich_help_panel=FLAT)
+    ] = "auto",
     max_shift_px: Annotated[
-        float | None, ranged("2D: no marker has moved farther; tells regular layouts apart.", above=0.0)
+        float | None, ranged("2D: no marker has moved farther; tells regular layouts apart.", above=0.0, panel=FLAT)
     ] = None,
     matches: Annotated[
         Path | None,
-        typer.Option(help="2D: markers by name in every image: a table image,name,x,y or detections with a name."),
+        typer.Option(
+            help="2D: markers by name in every image: a table image,name,x,y or detections with a name.",
+            rich_help_panel=FLAT,
+        ),
     ] = None,
     image_mask: Annotated[
-        Path | None, typer.Option(help="2D: as --mask, of the images; --mask is that of the reference.")
+        Path | None,
+        typer.Option(help="2D: as --mask, of the images; --mask is that of the reference.", rich_help_panel=FLAT),
     ] = None,
     keep_still: Annotated[
-        bool, typer.Option("--keep-still", help="2D: use markers that stand still while the others move.")
+        bool,
+        typer.Option(
+            "--keep-still", help="2D: use markers that stand still while the others move.", rich_help_panel=FLAT
+        ),
     ] = False,
     volume: VolumeParts = None,
     background: Annotated[
         str | None,
         typer.Option(
             help="3D: pixels that show no part of --volume: blank (NaN), or keep (as they are in that image, where the"
-            " model does not hide them; for a camera that stands still). [default: blank]"
+            " model does not hide them; for a camera that stands still). [default: blank]",
+            rich_help_panel=GRID,
         ),
     ] = None,
     prior: Prior = None,

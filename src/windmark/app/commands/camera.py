@@ -11,7 +11,7 @@ from windmark.app import console
 from windmark.app.commands import calibrate as calibrate_command
 from windmark.app.commands import convert as convert_command
 from windmark.app.commands import reconstruct as reconstruct_command
-from windmark.app.commands.grouped import ranged, written
+from windmark.app.commands.grouped import INPUT, LENS, OUTPUT, ranged, written
 from windmark.app.commands.options import Json
 
 
@@ -30,19 +30,31 @@ def add(app: typer.Typer) -> None:
 
 def undistort(
     images: Annotated[list[Path], typer.Argument(help="Images of one camera; stacks page by page.")],
-    camera: Annotated[Path, typer.Option("--camera", "-c", help="Camera with its lens, of any format of convert.")],
+    camera: Annotated[
+        Path,
+        typer.Option("--camera", "-c", help="Camera with its lens, of any format of convert.", rich_help_panel=INPUT),
+    ],
     keep: Annotated[
         str,
         typer.Option(
-            help="size (of the original), all (as large as it takes to hold every pixel), filled (no empty pixels)."
+            help="size (of the original), all (as large as it takes to hold every pixel), filled (no empty pixels).",
+            rich_help_panel=LENS,
         ),
     ] = "size",
     magnify: Annotated[
-        float | None, ranged("Also draw the images with so many times their distortion.", above=0.0, most=1000.0)
+        float | None,
+        ranged("Also draw the images with so many times their distortion.", above=0.0, most=1000.0, panel=LENS),
     ] = None,
-    field: Annotated[bool, typer.Option("--field", help="Also draw the distortion over the sensor.")] = False,
+    field: Annotated[
+        bool, typer.Option("--field", help="Also draw the distortion over the sensor.", rich_help_panel=OUTPUT)
+    ] = False,
     picture: Annotated[
-        bool, typer.Option("--picture", help="Also draw each image as taken, corrected and magnified, side by side.")
+        bool,
+        typer.Option(
+            "--picture",
+            help="Also draw each image as taken, corrected and magnified, side by side.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = False,
     output: Annotated[Path, written("Folder of the results.")] = Path("undistorted"),
     as_json: Json = False,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import ranged
+from windmark.app.commands.grouped import CAMERAS, GRIDS, INPUT, LENGTHS, PICTURES, ranged
 from windmark.app.commands.options import Json
 from windmark.errors import UsageError
 
@@ -34,65 +34,98 @@ def convert(
     ],
     said: Annotated[
         str | None,
-        typer.Option("--as", help="What the source is, where that is open: camera, grid, markers, pictures."),
+        typer.Option(
+            "--as",
+            help="What the source is, where that is open: camera, grid, markers, pictures.",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     unit: Annotated[
-        str | None, typer.Option(help="Length unit of the source, for files that do not say: in, ft, mm, cm, m.")
+        str | None,
+        typer.Option(
+            help="Length unit of the source, for files that do not say: in, ft, mm, cm, m.", rich_help_panel=LENGTHS
+        ),
     ] = None,
-    to_unit: Annotated[str | None, typer.Option(help="Scale all lengths into this unit.")] = None,
+    to_unit: Annotated[
+        str | None, typer.Option(help="Scale all lengths into this unit.", rich_help_panel=LENGTHS)
+    ] = None,
     from_format: Annotated[
         str | None,
-        typer.Option("--from", help="Cameras: refuse other formats than this. [default: told by the content]"),
+        typer.Option(
+            "--from",
+            help="Refuse other formats than this. [default: told by the content]",
+            rich_help_panel=CAMERAS,
+        ),
     ] = None,
     to_format: Annotated[
         str | None,
         typer.Option(
             "--to",
-            help="Cameras: windmark, opencv (YAML or JSON), colmap, mrcal, metashape, australis."
-            " [default: by extension]",
+            help="windmark, opencv (YAML or JSON), colmap, mrcal, metashape, australis. [default: by extension]",
+            rich_help_panel=CAMERAS,
         ),
     ] = None,
     size: Annotated[
-        str | None, typer.Option(help="Cameras: WIDTHxHEIGHT of the images, for files that do not say.")
+        str | None,
+        typer.Option(help="WIDTHxHEIGHT of the images, for files that do not say.", rich_help_panel=CAMERAS),
     ] = None,
     pixel_mm: Annotated[
-        list[float] | None, ranged("Cameras: pitch of the pixels in mm, for Australis; twice for x and y.", above=0.0)
+        list[float] | None,
+        ranged("Pitch of the pixels in mm, for Australis; twice for x and y.", above=0.0, panel=CAMERAS),
     ] = None,
     which: Annotated[
-        str | None, typer.Option(help="Cameras: of a COLMAP model an image (with its pose) or a camera's number.")
+        str | None,
+        typer.Option(help="Of a COLMAP model an image (with its pose) or a camera's number.", rich_help_panel=CAMERAS),
     ] = None,
-    no_pose: Annotated[bool, typer.Option("--no-pose", help="Cameras: leave the pose out.")] = False,
+    no_pose: Annotated[bool, typer.Option("--no-pose", help="Leave the pose out.", rich_help_panel=CAMERAS)] = False,
     volume: Annotated[
         list[str] | None,
         typer.Option(
-            help="Grids: NAME=zone01,zone02 (or one zone's own name): what is kept; several times. Others are left out."
+            help="NAME=zone01,zone02 (or one zone's own name): what is kept; several times. Others are left out.",
+            rich_help_panel=GRIDS,
         ),
     ] = None,
     volume_face: Annotated[
-        str | None, typer.Option(help="Grids: of PLOT3D volume blocks the surface: imin, imax, jmin, jmax, kmin, kmax.")
+        str | None,
+        typer.Option(
+            help="Of PLOT3D volume blocks the surface: imin, imax, jmin, jmax, kmin, kmax.", rich_help_panel=GRIDS
+        ),
     ] = None,
     orientation: Annotated[
-        str | None, typer.Option(help="Grids: file (as they are) or auto (triangles turned outward). [default: file]")
+        str | None,
+        typer.Option(
+            help="file (as they are) or auto (triangles turned outward). [default: file]", rich_help_panel=GRIDS
+        ),
     ] = None,
     plot3d: Annotated[
         str | None,
         typer.Option(
-            help="Grids: how PLOT3D is written: words of ascii, binary, little, big, records, records8, stream, whole,"
+            help="How PLOT3D is written: words of ascii, binary, little, big, records, records8, stream, whole,"
             " component, plane, single, double, iblank, no-iblank, multi-block, one-block, with commas."
-            " [default: as the source, else binary,little,records,multi-block]"
+            " [default: as the source, else binary,little,records,multi-block]",
+            rich_help_panel=GRIDS,
         ),
     ] = None,
     from_plot3d: Annotated[
-        str | None, typer.Option(help="Grids: how the source is stored, where its sizes leave it open; the same words.")
+        str | None,
+        typer.Option(
+            help="How the source is stored, where its sizes leave it open; the same words.", rich_help_panel=GRIDS
+        ),
     ] = None,
     values: Annotated[
-        Path | None, typer.Option(help="Grids: PLOT3D function file with the values of a PLOT3D source.")
+        Path | None,
+        typer.Option(help="PLOT3D function file with the values of a PLOT3D source.", rich_help_panel=GRIDS),
     ] = None,
     frames: Annotated[
-        str | None, typer.Option(help="Recordings: which frames, first:stop:step as 0:100:2 or -10:, or one number.")
+        str | None,
+        typer.Option(
+            help="Which frames, first:stop:step as 0:100:2 or -10:, or one number.",
+            rich_help_panel=PICTURES,
+        ),
     ] = None,
     pictures: Annotated[
-        str | None, typer.Option(help="Recordings: tif or png, of the pictures in a folder. [default: tif]")
+        str | None,
+        typer.Option(help="tif or png, of the pictures in a folder. [default: tif]", rich_help_panel=PICTURES),
     ] = None,
     as_json: Json = False,
 ) -> None:

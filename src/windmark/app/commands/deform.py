@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import ranged, written
+from windmark.app.commands.grouped import CAMERAS, LIVE, ranged, written
 from windmark.app.commands.options import Finish, Json, Resume
 from windmark.errors import UsageError
 
@@ -25,17 +25,28 @@ def deform(
     output: Annotated[Path | None, written("Folder instead of the project's own.")] = None,
     camera: Annotated[
         list[str] | None,
-        typer.Option("--camera", help="Only this one of the project's cameras; several times for several."),
+        typer.Option(
+            "--camera",
+            help="Only this one of the project's cameras; several times for several.",
+            rich_help_panel=CAMERAS,
+        ),
     ] = None,
     moves: Annotated[
         list[str] | None,
-        typer.Option("--moves", help="This camera moves; markers on walls hold it. Several times for several."),
+        typer.Option(
+            "--moves",
+            help="This camera moves; markers on walls hold it. Several times for several.",
+            rich_help_panel=CAMERAS,
+        ),
     ] = None,
     watch: Annotated[
-        Path | None, typer.Option(help="Live: a folder that the cameras' images appear in; Ctrl-C ends.")
+        Path | None,
+        typer.Option(help="Live: a folder that the cameras' images appear in; Ctrl-C ends.", rich_help_panel=LIVE),
     ] = None,
-    idle: Annotated[float | None, ranged("Live: end when nothing has come for so many seconds.", above=0.0)] = None,
-    frames: Annotated[int | None, ranged("Live: end after so many frames.", least=1)] = None,
+    idle: Annotated[
+        float | None, ranged("Live: end when nothing has come for so many seconds.", above=0.0, panel=LIVE)
+    ] = None,
+    frames: Annotated[int | None, ranged("Live: end after so many frames.", least=1, panel=LIVE)] = None,
     resume: Resume = False,
     finish: Finish = False,
     as_json: Json = False,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import ranged, written
+from windmark.app.commands.grouped import INPUT, MATCH, ranged, written
 from windmark.app.commands.matching_options import Mask
 from windmark.app.commands.options import Bayer, Channel, Json, MeritMax, OnePolarity, Radius, Seed
 from windmark.options.detection import BAYER, CHANNEL, MERIT_MAX, POLARITY
@@ -27,15 +27,29 @@ def epipolar(
     second: Annotated[Path, typer.Argument(help="Another one of the same markers, from another place.")],
     matches: Annotated[
         Path,
-        typer.Option("--matches", "-m", help="Matches by hand: x_a,y_a,x_b,y_b, or image,name,x,y (within 10 px)."),
+        typer.Option(
+            "--matches",
+            "-m",
+            help="Matches by hand: x_a,y_a,x_b,y_b, or image,name,x,y (within 10 px).",
+            rich_help_panel=INPUT,
+        ),
     ],
     camera: Annotated[
         list[Path] | None,
-        typer.Option("--camera", "-c", help="Interior parameters; twice where the second picture has its own camera."),
+        typer.Option(
+            "--camera",
+            "-c",
+            help="Interior parameters; twice where the second picture has its own camera.",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     sigma_px: Annotated[
         float | None,
-        ranged("1 sigma per coordinate of a spot, its own noise left out. [default: 0.1; no camera: 1]", above=0.0),
+        ranged(
+            "1 sigma per coordinate of a spot, its own noise left out. [default: 0.1; no camera: 1]",
+            above=0.0,
+            panel=MATCH,
+        ),
     ] = None,
     radius: Radius = None,
     polarity: OnePolarity = POLARITY.default,
@@ -55,7 +69,9 @@ def epipolar(
     """
     with console.errors(as_json):
         from windmark.app import epipolar_verb
+        from windmark.io import one_picture
         from windmark.pipeline.calibrate import MatchOptions
 
         match = MatchOptions(tuple(radius or ()), polarity, merit_max, channel, bayer, mask, seed=seed)
-        epipolar_verb.run((first, second), matches, tuple(camera or ()), sigma_px, match, output, as_json)
+        pair = one_picture(first), one_picture(second)
+        epipolar_verb.run(pair, matches, tuple(camera or ()), sigma_px, match, output, as_json)

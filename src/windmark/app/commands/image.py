@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import LOOK, ranged, told, written
+from windmark.app.commands.grouped import INPUT, LOOK, OUTPUT, POSE, VALUES, ranged, told, written
 from windmark.app.commands.matching_options import (
     Binding,
     Exclude,
@@ -98,31 +98,45 @@ def detect(
     photometry: Annotated[str | None, told(PHOTOMETRY, panel=LOOK)] = PHOTOMETRY.default,
     mask: Mask = None,
     roi: Annotated[
-        str | None, typer.Option(help="x0,y0,x1,y1: first and last column and row that are used; else all.")
+        str | None,
+        typer.Option(help="x0,y0,x1,y1: first and last column and row that are used; else all.", rich_help_panel=LOOK),
     ] = None,
     output: Annotated[Path, written("Table of the spots, CSV.")] = Path("detections.csv"),
     picture: Annotated[
-        Path | None, typer.Option(help="Also draw the spots (PNG); several images get a number each.")
+        Path | None,
+        typer.Option(help="Also draw the spots (PNG); several images get a number each.", rich_help_panel=OUTPUT),
     ] = None,
     explain: Annotated[
-        Path | None, typer.Option(help="Table of the rejected candidates with the reason; --picture draws them too.")
+        Path | None,
+        typer.Option(
+            help="Table of the rejected candidates with the reason; --picture draws them too.", rich_help_panel=OUTPUT
+        ),
     ] = None,
-    merit_map: Annotated[Path | None, typer.Option(help="Also draw the merit of every pixel (PNG).")] = None,
+    merit_map: Annotated[
+        Path | None, typer.Option(help="Also draw the merit of every pixel (PNG).", rich_help_panel=OUTPUT)
+    ] = None,
     channel: Channel = CHANNEL.default,
     bayer: Bayer = BAYER.default,
     near: Annotated[
         Path | None,
         typer.Option(
-            help="Detections of a frame before: look only near them, with their ellipses; finds faint markers."
+            help="Detections of a frame before: look only near them, with their ellipses; finds faint markers.",
+            rich_help_panel=LOOK,
         ),
     ] = None,
     camera: Annotated[
-        Path | None, typer.Option("--camera", "-c", help="Camera with a pose: look only where it shows the --markers.")
+        Path | None,
+        typer.Option(
+            "--camera", "-c", help="Camera with a pose: look only where it shows the --markers.", rich_help_panel=LOOK
+        ),
     ] = None,
     markers: Annotated[
-        Path | None, typer.Option("--markers", "-m", help="Marker table, with the camera's length unit and frame.")
+        Path | None,
+        typer.Option(
+            "--markers", "-m", help="Marker table, with the camera's length unit and frame.", rich_help_panel=LOOK
+        ),
     ] = None,
-    search_px: Annotated[float, told(SEARCH_PX)] = SEARCH_PX.default,
+    search_px: Annotated[float, told(SEARCH_PX, panel=LOOK)] = SEARCH_PX.default,
     as_json: Json = False,
 ) -> None:
     """Find markers in images: centres, covariances, merit.
@@ -171,9 +185,10 @@ def register(
 ) -> None:
     """Find which spot is which marker and where the camera was; no start pose is needed."""
     from windmark.app import verbs
-    from windmark.io import picture_name
+    from windmark.io import one_picture, picture_name
 
     with console.errors(as_json):
+        image = one_picture(image)
         settings: dict[str, Any] = {
             "title": f"Registration of {image.name}",
             "length_unit": unit,
@@ -199,7 +214,9 @@ def register(
 
 def resect(
     image: Annotated[Path, typer.Argument(help="The image, or a frame of a recording: run.cine[120].")],
-    camera: Annotated[Path, typer.Option("--camera", "-c", help="Camera with a pose, as register writes it.")],
+    camera: Annotated[
+        Path, typer.Option("--camera", "-c", help="Camera with a pose, as register writes it.", rich_help_panel=INPUT)
+    ],
     grid: GridFile,
     unit: Unit,
     volume: VolumeParts = None,
@@ -210,38 +227,50 @@ def resect(
             "-m",
             help="Marker table: zones that bear markers of role wall, and none of the model, take no"
             " part, for the camera's pose is that of the model. Not with --volume.",
+            rich_help_panel=INPUT,
         ),
     ] = None,
     output: Annotated[Path | None, written("Folder of the results. [default: IMAGE-resection]")] = None,
     nodes: Annotated[
         list[str] | None,
-        typer.Option(help="Formats of the node values: vtk, tecplot, plot3d, csv, netcdf. [default: all]"),
+        typer.Option(
+            help="Formats of the node values: vtk, tecplot, plot3d, csv, netcdf. [default: all]", rich_help_panel=OUTPUT
+        ),
     ] = None,
     max_obliquity_deg: Annotated[
-        float, ranged("Surface seen more obliquely than this gets no value.", above=0.0, most=90.0)
+        float, ranged("Surface seen more obliquely than this gets no value.", above=0.0, most=90.0, panel=VALUES)
     ] = 80,
     quantity: Quantity = None,
     quantity_unit: QuantityUnit = None,
     scale: Scale = 1.0,
     offset: Offset = 0.0,
     pixels: Annotated[
-        bool, typer.Option("--pixels", help="Also the surface point behind every pixel: pixels.nc (NetCDF).")
+        bool,
+        typer.Option(
+            "--pixels", help="Also the surface point behind every pixel: pixels.nc (NetCDF).", rich_help_panel=OUTPUT
+        ),
     ] = False,
     points: Annotated[
         list[Path] | None,
-        typer.Option(help="Points at which values are wanted: taps of a .tgts file, or CSV name,x,y,z[,nx,ny,nz]."),
+        typer.Option(
+            help="Points at which values are wanted: taps of a .tgts file, or CSV name,x,y,z[,nx,ny,nz].",
+            rich_help_panel=VALUES,
+        ),
     ] = None,
     max_distance: Annotated[
         float | None,
-        typer.Option(help="How far --points may be from the surface. [default: 0.002 of the grid's size]"),
+        typer.Option(
+            help="How far --points may be from the surface. [default: 0.002 of the grid's size]", rich_help_panel=VALUES
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Map a registered image onto the grid: values on nodes and at points, pictures."""
     from windmark.app import verbs
-    from windmark.io import picture_name
+    from windmark.io import one_picture, picture_name
 
     with console.errors(as_json):
+        image = one_picture(image)
         if markers is not None and volume:
             raise UsageError("--markers tells the walls of the grid, and --volume names what takes part: one of them")
         settings: dict[str, Any] = {
@@ -274,17 +303,28 @@ def track(
     mask: Mask = None,
     roles: Roles = None,
     prior: Annotated[
-        Path | None, typer.Option("--prior", help="Camera file with a pose: the first one is near it (30 deg, 1.3).")
+        Path | None,
+        typer.Option(
+            "--prior", help="Camera file with a pose: the first one is near it (30 deg, 1.3).", rich_help_panel=POSE
+        ),
     ] = None,
     frames: Annotated[
-        Path | None, typer.Option(help="Table image,frame: the number of every image where frames were dropped.")
+        Path | None,
+        typer.Option(
+            help="Table image,frame: the number of every image where frames were dropped.", rich_help_panel=INPUT
+        ),
     ] = None,
     change_deg: Annotated[
-        float, ranged("How much the rotation per frame changes from frame to frame.", above=0.0, most=180.0)
+        float, ranged("How much the rotation per frame changes from frame to frame.", above=0.0, most=180.0, panel=POSE)
     ] = (0.3),
     change_percent: Annotated[
         float,
-        ranged("How much the shift per frame changes, in percent of the markers' distance.", above=0.0, most=1000.0),
+        ranged(
+            "How much the shift per frame changes, in percent of the markers' distance.",
+            above=0.0,
+            most=1000.0,
+            panel=POSE,
+        ),
     ] = 0.3,
     max_time: MaxTime = MAX_TIME_S.default,
     seed: Seed = SEED.default,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import App, ranged, written
+from windmark.app.commands.grouped import CAMPAIGN, COMPARE, INPUT, LOOK, OUTPUT, OWN, PICTURES, App, ranged, written
 from windmark.app.commands.options import Json, Seed, Unit
 from windmark.errors import UsageError
 
@@ -31,17 +31,35 @@ def add(app: typer.Typer) -> None:
 def study(
     radius: Annotated[
         list[float] | None,
-        typer.Option("--radius", "-r", help="Reference radius in pixels; give it several times. [default: 2 3 4 5]"),
+        typer.Option(
+            "--radius",
+            "-r",
+            help="Reference radius in pixels; give it several times. [default: 2 3 4 5]",
+            rich_help_panel=PICTURES,
+        ),
     ] = None,
-    span_px: Annotated[float, ranged("Real radii lie so far below and above the reference radius.", least=0.0)] = 0.5,
-    steps: Annotated[int, ranged("Real radii per reference radius.", least=1)] = 11,
-    markers: Annotated[int, ranged("Random markers per real radius, rounded up to full rows.", least=1)] = 144,
-    max_tilt_deg: Annotated[float, ranged("Viewing angles are random from 0 to this.", least=0.0, most=89.0)] = 60,
-    blur_passes: Annotated[int, ranged("How often the image is averaged over 3 x 3 pixels.", least=0)] = 1,
-    noise_percent: Annotated[float, ranged("Noise (1 sigma) in percent of the markers' depth.", least=0.0)] = 3,
-    depth: Annotated[float, ranged("Depth of the markers in grey levels; images have whole ones.", above=0.0)] = 150,
+    span_px: Annotated[
+        float, ranged("Real radii lie so far below and above the reference radius.", least=0.0, panel=PICTURES)
+    ] = 0.5,
+    steps: Annotated[int, ranged("Real radii per reference radius.", least=1, panel=PICTURES)] = 11,
+    markers: Annotated[
+        int, ranged("Random markers per real radius, rounded up to full rows.", least=1, panel=PICTURES)
+    ] = 144,
+    max_tilt_deg: Annotated[
+        float, ranged("Viewing angles are random from 0 to this.", least=0.0, most=89.0, panel=PICTURES)
+    ] = 60,
+    blur_passes: Annotated[
+        int, ranged("How often the image is averaged over 3 x 3 pixels.", least=0, panel=PICTURES)
+    ] = 1,
+    noise_percent: Annotated[
+        float, ranged("Noise (1 sigma) in percent of the markers' depth.", least=0.0, panel=PICTURES)
+    ] = 3,
+    depth: Annotated[
+        float, ranged("Depth of the markers in grey levels; images have whole ones.", above=0.0, panel=PICTURES)
+    ] = 150,
     method: Annotated[
-        list[str] | None, typer.Option(help="Refinement of the centre; several times to compare. [default: all]")
+        list[str] | None,
+        typer.Option(help="Refinement of the centre; several times to compare. [default: all]", rich_help_panel=LOOK),
     ] = None,
     seed: Seed = 0,
     output: Annotated[Path, written("Folder of the results.")] = Path("marker-study"),
@@ -64,36 +82,58 @@ def markers_check(
     unit: Unit,
     camera: Annotated[
         Path | None,
-        typer.Option("--camera", "-c", help="Interior parameters. [default: 2048 x 1536 px, 30 deg field of view]"),
+        typer.Option(
+            "--camera",
+            "-c",
+            help="Interior parameters. [default: 2048 x 1536 px, 30 deg field of view]",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     grid: Annotated[
-        Path | None, typer.Option("--grid", "-g", help="Surface of the model: it hides markers; new places lie on it.")
+        Path | None,
+        typer.Option(
+            "--grid", "-g", help="Surface of the model: it hides markers; new places lie on it.", rich_help_panel=INPUT
+        ),
     ] = None,
     role: Annotated[
-        list[str] | None, typer.Option(help="Only markers of this role; several times. [default: all painted ones]")
+        list[str] | None,
+        typer.Option(
+            help="Only markers of this role; several times. [default: all painted ones]", rich_help_panel=INPUT
+        ),
     ] = None,
     view_from: Annotated[
         str | None,
         typer.Option(
             help="AZIMUTH,ELEVATION in degrees where the camera may stand, seen from the model: from x towards y,"
             " from the x-y plane towards z. [default: wherever two thirds as many markers are in sight as from the"
-            " best direction]"
+            " best direction]",
+            rich_help_panel=CAMPAIGN,
         ),
     ] = None,
-    within: Annotated[float, ranged("Half angle of that region, degrees.", above=0.0, most=180.0)] = 40,
+    within: Annotated[float, ranged("Half angle of that region, degrees.", above=0.0, most=180.0, panel=CAMPAIGN)] = 40,
     views: Annotated[
-        int, ranged("Virtual views in the first round, all round, three per direction.", least=24, most=100_000)
+        int,
+        ranged(
+            "Virtual views in the first round, all round, three per direction.", least=24, most=100_000, panel=CAMPAIGN
+        ),
     ] = 360,
-    quick: Annotated[bool, typer.Option("--quick", help="120 views, whatever --views says.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="120 views, whatever --views says.", rich_help_panel=CAMPAIGN)
+    ] = False,
     hidden: Annotated[
-        float, ranged("Percent of the markers in view that are not detected.", least=0.0, most=95.0)
+        float, ranged("Percent of the markers in view that are not detected.", least=0.0, most=95.0, panel=CAMPAIGN)
     ] = 30,
     false: Annotated[
-        float, ranged("False spots, percent of the markers in view.", "--false", least=0.0, most=1000.0)
+        float, ranged("False spots, percent of the markers in view.", "--false", least=0.0, most=1000.0, panel=CAMPAIGN)
     ] = 50,
-    noise_px: Annotated[float, ranged("1 sigma per coordinate of a spot.", least=0.01, most=10.0)] = 0.2,
+    noise_px: Annotated[
+        float, ranged("1 sigma per coordinate of a spot.", least=0.01, most=10.0, panel=CAMPAIGN)
+    ] = 0.2,
     advice: Annotated[
-        bool, typer.Option("--advice/--no-advice", help="Look for markers to move or add where it is needed.")
+        bool,
+        typer.Option(
+            "--advice/--no-advice", help="Look for markers to move or add where it is needed.", rich_help_panel=OUTPUT
+        ),
     ] = True,
     seed: Seed = 0,
     output: Annotated[Path, written("Folder of the results.")] = Path("marker-check"),
@@ -118,28 +158,36 @@ def laws(
         Path | None, typer.Argument(help="Python file with your own laws, to be checked. [default: list the built-in]")
     ] = None,
     markers: Annotated[
-        Path | None, typer.Option("--markers", "-m", help="Marker table: your laws are checked on its points.")
+        Path | None,
+        typer.Option("--markers", "-m", help="Marker table: your laws are checked on its points.", rich_help_panel=OWN),
     ] = None,
-    volume: Annotated[str | None, typer.Option(help="Only the markers of this volume.")] = None,
+    volume: Annotated[str | None, typer.Option(help="Only the markers of this volume.", rich_help_panel=OWN)] = None,
     pictures: Annotated[
         Path | None,
         typer.Option(
             help="Folder for one PNG per law: a wing moved by each parameter in turn; of --compare: its table and "
-            "picture [default: law-comparison]."
+            "picture [default: law-comparison].",
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
     compare: Annotated[
         Path | None,
-        typer.Option(help="Project of a deformation test: which law do its pictures ask for? Exit code 1: several."),
+        typer.Option(
+            help="Project of a deformation test: which law do its pictures ask for? Exit code 1: several.",
+            rich_help_panel=COMPARE,
+        ),
     ] = None,
     law: Annotated[
         list[str] | None,
         typer.Option(
             help="To be compared, besides the project's own and its [[volume.alternative]]: "
-            "[VOLUME/]LAW[:option=value;...]; several times."
+            "[VOLUME/]LAW[:option=value;...]; several times.",
+            rich_help_panel=COMPARE,
         ),
     ] = None,
-    frames: Annotated[int, ranged("Compare on so many frames of the sequence, evenly spaced.", least=1)] = 8,
+    frames: Annotated[
+        int, ranged("Compare on so many frames of the sequence, evenly spaced.", least=1, panel=COMPARE)
+    ] = 8,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from windmark.app import console
-from windmark.app.commands.grouped import ranged, written
+from windmark.app.commands.grouped import DIRECTION, INPUT, LABELS, NUMBERS, OUTPUT, ranged, written
 from windmark.app.commands.matching_options import VolumeParts, label_places
 from windmark.app.commands.options import Json
 
@@ -24,8 +24,10 @@ def add(app: typer.Typer) -> None:
     )(pov)
 
 
-Degrees = Annotated[float | None, typer.Option(help="Angle in degrees, any value.")]
-Length = Annotated[float | None, typer.Option(help="Distance along the camera's axis, in the length unit.")]
+Degrees = Annotated[float | None, typer.Option(help="Angle in degrees, any value.", rich_help_panel=NUMBERS)]
+Length = Annotated[
+    float | None, typer.Option(help="Distance along the camera's axis, in the length unit.", rich_help_panel=NUMBERS)
+]
 
 
 def pov(
@@ -38,28 +40,46 @@ def pov(
     dx: Length = None,
     dy: Length = None,
     dz: Length = None,
-    fov: Annotated[float | None, typer.Option(help="Full horizontal field of view, degrees.")] = None,
-    size: Annotated[str | None, typer.Option(help="WIDTHxHEIGHT of the image in pixels.")] = None,
-    unit: Annotated[str | None, typer.Option(help="Length unit: in, ft, mm, cm, m; where no file says it.")] = None,
-    direction: Annotated[
-        str | None, typer.Option(help="x,y,z: look along it, framed on the --grid or --markers.")
+    fov: Annotated[
+        float | None, typer.Option(help="Full horizontal field of view, degrees.", rich_help_panel=NUMBERS)
     ] = None,
-    up: Annotated[str | None, typer.Option(help="x,y,z: points to the top of the image; with --direction.")] = None,
-    grid: Annotated[Path | None, typer.Option("--grid", "-g", help="Surface grid, to be framed and drawn.")] = None,
+    size: Annotated[
+        str | None, typer.Option(help="WIDTHxHEIGHT of the image in pixels.", rich_help_panel=INPUT)
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Length unit: in, ft, mm, cm, m; where no file says it.", rich_help_panel=INPUT)
+    ] = None,
+    direction: Annotated[
+        str | None,
+        typer.Option(help="x,y,z: look along it, framed on the --grid or --markers.", rich_help_panel=DIRECTION),
+    ] = None,
+    up: Annotated[
+        str | None,
+        typer.Option(help="x,y,z: points to the top of the image; with --direction.", rich_help_panel=DIRECTION),
+    ] = None,
+    grid: Annotated[
+        Path | None, typer.Option("--grid", "-g", help="Surface grid, to be framed and drawn.", rich_help_panel=INPUT)
+    ] = None,
     volume: VolumeParts = None,
     markers: Annotated[
-        Path | None, typer.Option("--markers", "-m", help="Marker table, to be framed and drawn.")
+        Path | None,
+        typer.Option("--markers", "-m", help="Marker table, to be framed and drawn.", rich_help_panel=INPUT),
     ] = None,
     label: Annotated[
         list[str] | None,
         typer.Option(
-            "--label", help="NAME=x,y: this marker's spot. Three give every pose that shows them so, a fourth decides."
+            "--label",
+            help="NAME=x,y: this marker's spot. Three give every pose that shows them so, a fourth decides.",
+            rich_help_panel=LABELS,
         ),
     ] = None,
-    sigma_px: Annotated[float, ranged("Of the spots of --label, per coordinate.", above=0.0)] = 0.1,
+    sigma_px: Annotated[float, ranged("Of the spots of --label, per coordinate.", above=0.0, panel=LABELS)] = 0.1,
     output: Annotated[Path | None, written("Write the point of view as a camera file (see convert).")] = None,
     picture: Annotated[
-        Path | None, typer.Option(help="Draw the camera, the model's axes, the three angles and distances (PNG).")
+        Path | None,
+        typer.Option(
+            help="Draw the camera, the model's axes, the three angles and distances (PNG).", rich_help_panel=OUTPUT
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:

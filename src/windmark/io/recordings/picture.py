@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from windmark.errors import UsageError
 from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.address import frame_address
 from windmark.io.recordings.base import Frames, Image, Recording
-from windmark.io.recordings.folder import PICTURES, FolderRecording, is_pattern
+from windmark.io.recordings.folder import PICTURES, FolderRecording, is_pattern, picture_files
 from windmark.io.recordings.open import frames, recording_kind
 from windmark.io.text import Pathlike
 
@@ -99,6 +100,26 @@ def pictures(paths: Sequence[Pathlike]) -> list[PictureFile]:
             recording = frames(path)
             out.extend(Frame(recording, k) for k in range(len(recording)))
     return out
+
+
+def one_picture(path: Path) -> Path:
+    """The picture that a path, an address or a pattern stands for, where one is wanted.
+
+    Raises
+    ------
+    UsageError
+        For a pattern that several files match.
+    FileError
+        For one that none does.
+    """
+    address = frame_address(path)
+    if address.number is not None or address.dataset is not None or not is_pattern(address.file):
+        return path
+    found = picture_files(address.file)
+    if len(found) > 1:
+        names = f"{found[0].name} to {found[-1].name}"
+        raise UsageError(f"{path}: {len(found)} files match this pattern, {names}; expected one picture: name it")
+    return found[0]
 
 
 def addresses(paths: Sequence[Pathlike]) -> list[Path]:

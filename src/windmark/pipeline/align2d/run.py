@@ -17,7 +17,7 @@ from windmark.compiling import working_time
 from windmark.errors import WindmarkError
 from windmark.options.detection import CHANNEL, MERIT_MAX, POLARITY_OR_AUTO
 from windmark.pipeline.align2d.named import NamedSpots, of_image
-from windmark.pipeline.clock import Progress, silent
+from windmark.pipeline.clock import Progress, counting, silent
 from windmark.scene import Detections
 from windmark.tasks.align2d import ImageAlignment, NotAligned, align_images
 
@@ -116,13 +116,14 @@ def align_files(
     An image that cannot be read or aligned comes with its ``problem``.
     """
     threads = max(1, min(len(paths), workers or os.cpu_count() or 1))
+    ended = counting(progress, "align", len(paths))
     waiting: deque[Future[AlignedFile]] = deque()
     with ThreadPoolExecutor(max_workers=threads) as pool:
         try:
             for path in paths:
                 if len(waiting) > threads:
                     yield waiting.popleft().result()
-                waiting.append(pool.submit(_align_one, path, reference, settings, progress))
+                waiting.append(pool.submit(_align_one, path, reference, settings, ended))
             while waiting:
                 yield waiting.popleft().result()
         except BaseException:
@@ -130,9 +131,8 @@ def align_files(
             raise
 
 
-def _align_one(path: io.PictureFile, reference: Reference, settings: AlignSettings, progress: Progress) -> AlignedFile:
+def _align_one(path: io.PictureFile, reference: Reference, settings: AlignSettings, ended: Progress) -> AlignedFile:
     start = working_time()
-    progress(f"align {path.name}")
     image: Image | None = None
     answer: ImageAlignment | NotAligned | None = None
     try:
@@ -141,6 +141,7 @@ def _align_one(path: io.PictureFile, reference: Reference, settings: AlignSettin
         problem = "" if isinstance(answer, ImageAlignment) else f"not aligned: {answer.reason}"
     except WindmarkError as error:  # FileError among them
         problem = str(error)
+    ended(path.name)
     return AlignedFile(path, image, answer, problem, working_time() - start)
 
 

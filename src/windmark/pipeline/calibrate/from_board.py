@@ -58,10 +58,10 @@ def calibrate_board(
     check_board(board, settings)
 
     def look(path: io.PictureFile, name: str, taken: Taken) -> BoardPicture:
-        return _detect(path, name, taken, board, options, clock)
+        return _detect(path, name, taken, board, options)
 
     with clock("detect"):
-        pictures, found = read_pictures(paths, cameras, patterns or {}, focal_px, look)
+        pictures, found = read_pictures(paths, cameras, patterns or {}, focal_px, look, clock.progress)
     return calibrate_dots(
         pictures, board, found, settings, given=cameras,
         unknown_focal=focal_px is None and None in cameras.values(), stage=clock,
@@ -69,9 +69,8 @@ def calibrate_board(
 
 
 def _detect(
-    path: io.PictureFile, name: str, taken: Taken, board: Board, options: MatchOptions, clock: Clock
+    path: io.PictureFile, name: str, taken: Taken, board: Board, options: MatchOptions
 ) -> BoardPicture:
-    clock.progress(f"detect {name}")
     image, mask = read_image(path, options)
     spots = find_spots(image, mask, options)
     holes = None

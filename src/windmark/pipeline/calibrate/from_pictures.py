@@ -54,10 +54,10 @@ def calibrate_pictures(
     _check_labels(picture_names(paths), markers, options)
 
     def look(path: io.PictureFile, name: str, taken: Taken) -> MatchedPicture:
-        return _detect(path, name, taken, options, clock)
+        return _detect(path, name, taken, options)
 
     with clock("detect"):
-        pictures, found = read_pictures(paths, cameras, patterns or {}, focal_px, look)
+        pictures, found = read_pictures(paths, cameras, patterns or {}, focal_px, look, clock.progress)
     return calibrate_matching(
         pictures, markers, found, settings,
         matching=MatchSettings(options.tolerance_px, options.max_time_s, options.seed),
@@ -75,8 +75,7 @@ def _check_labels(names: Sequence[str], markers: MarkerSet, options: MatchOption
         raise UsageError(f"a label names the marker {wrong[0]!r}, which is not in the table of markers")
 
 
-def _detect(path: io.PictureFile, name: str, taken: Taken, options: MatchOptions, clock: Clock) -> MatchedPicture:
-    clock.progress(f"detect {name}")
+def _detect(path: io.PictureFile, name: str, taken: Taken, options: MatchOptions) -> MatchedPicture:
     image, mask = read_image(path, options)
     spots = find_spots(image, mask, options)
     try:

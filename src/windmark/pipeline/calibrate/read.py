@@ -18,6 +18,7 @@ from windmark.geometry import Camera
 from windmark.options.calibration import MATCH_TIME_S
 from windmark.options.detection import CHANNEL, MERIT_MAX, POLARITY
 from windmark.options.registration import SEED
+from windmark.pipeline.clock import Progress, counting, silent
 from windmark.scene import Detections
 from windmark.tasks.calibrate.marks import Taken, start_camera, taken_by
 from windmark.tasks.calibrate.picture import Picture
@@ -68,6 +69,7 @@ def read_pictures(
     patterns: Mapping[str, str],
     focal_px: float | None,
     make: Callable[[io.PictureFile, str, Taken], P],
+    progress: Progress = silent,
 ) -> tuple[list[P], dict[str, Camera]]:
     """All pictures, read and searched side by side, and the cameras with their sizes.
 
@@ -78,6 +80,7 @@ def read_pictures(
     patterns : camera -> pattern of its pictures' names, see `taken_by`
     focal_px : rough focal length of unknown cameras
     make : what is done with each, from its path, its name, and who took it
+    progress : told of each that has ended
 
     Returns
     -------
@@ -92,8 +95,15 @@ def read_pictures(
     """
     names = picture_names(paths)
     jobs = list(zip(paths, names, taken_by(names, list(cameras), patterns), strict=True))
+    ended = counting(progress, "detect", len(jobs))
+
+    def one(job: tuple[io.PictureFile, str, Taken]) -> P | io.FileError:
+        made = _made(make, *job)
+        ended(job[1])
+        return made
+
     with ThreadPoolExecutor(max_workers=min(len(paths), os.cpu_count() or 1)) as pool:
-        found = list(pool.map(lambda job: _made(make, *job), jobs))
+        found = list(pool.map(one, jobs))
     read = [p for p in found if not isinstance(p, io.FileError)]
     seeing = {p.camera for p in read}
     for p, (_, _, taken) in zip(found, jobs, strict=True):

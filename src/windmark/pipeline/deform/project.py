@@ -35,6 +35,10 @@ class CameraEntry(Strict):
     known of that pose beforehand (1 sigma per axis, degrees and length units). ``free_focal``: so is its focal length.
     ``rate_hz`` or ``times`` (a table ``image,time_s`` or ``frame,time_s``, or "recording": the time stamps that its
     recording holds): a clock of its own, whose zero is at ``offset_s``; see `timeline`.
+
+    ``name``: by which results call it. ``file``: its lens and its pose, of any format that `windmark convert` reads.
+    ``mask``: pixels that are used: a picture (not 0), or a table of a polygon's corners. ``rate_hz``: pictures a second
+    of its own clock. ``offset_s``: time of that clock's zero. ``times``: table of its time stamps, or "recording".
     """
 
     name: str
@@ -71,7 +75,10 @@ class CameraEntry(Strict):
 
 
 class MarkersEntry(Strict):
-    """The markers' table; markers of role "wall" stand still and hold cameras that move."""
+    """The markers' table; markers of role "wall" stand still and hold cameras that move.
+
+    ``file``: CSV or ``.tgts``. ``roles``: which markers take part.
+    """
 
     file: Path
     roles: Annotated[tuple[Role, ...], Field(min_length=1)] = ("model", "wall", "primary", "secondary")
@@ -81,6 +88,9 @@ class AlternativeEntry(Strict):
     """Another law that a volume might have, for ``windmark laws --compare``; "none" is no law at all.
 
     Options that are not given are the volume's own where the law has the same ones.
+
+    ``law``: built-in, ``file.py:name`` or "none". ``options``: of the law. ``parameters``: start, sigma, lower, upper
+    of its parameters.
     """
 
     law: str
@@ -93,6 +103,8 @@ class VolumeEntry(Strict):
 
     ``options``: of the law. ``parameters``: start, sigma, lower, upper of its parameters. ``parent``: what it is fixed
     to; ``attach``: at which point, as a rigid body. ``alternative``: other laws, to be compared.
+
+    ``name``: as the table of markers has it.
     """
 
     name: str
@@ -133,7 +145,12 @@ class MotionEntry(Strict):
 
 
 class StationsEntry(Strict):
-    """Where twist and bending are reported: chords along a line on a volume."""
+    """Where twist and bending are reported: chords along a line on a volume.
+
+    ``volume``: that they are on. ``start``: of the line, at rest. ``end``: of the line. ``count``: evenly spaced
+    stations, or their parts of the line (0 to 1). ``chord``: direction aft, against which twist is measured. ``up``:
+    direction in which bending is measured.
+    """
 
     volume: str
     start: Vector
@@ -150,6 +167,8 @@ class SequenceEntry(Strict):
     reported relative to their mean. ``against``: the column that the report's curves are drawn over, by default time.
     ``clock``: where cameras have clocks, the one whose pictures are the instants; by default the fastest.
     ``max_lag_s``: how far the nearest picture of another camera may be from an instant, by default 3/4 of its spacing.
+
+    ``rate_hz``: frames a second, where no table has their times.
     """
 
     rate_hz: Positive | None = None
@@ -166,6 +185,8 @@ class ValuesEntry(Strict):
     ``cameras``: which ones; none given means all. ``black``: the grey level without light. ``max_obliquity_deg``:
     surface seen more obliquely gets no value. ``edge_px``: nor does what is nearer to the outline of its surface in the
     image, where pixels mix. ``clear``: nor nodes within so many radii of a marker's centre.
+
+    ``interpolation``: between pixels.
     """
 
     cameras: tuple[str, ...] = ()
@@ -194,7 +215,10 @@ class WatchEntry(Strict):
 
 
 class OutputEntry(Strict):
-    """What is written. ``grid``: the deformed grid of every ``every``-th frame. ``magnify``: in the film."""
+    """What is written. ``grid``: the deformed grid of every ``every``-th frame. ``magnify``: in the film.
+
+    ``folder``: of the results. ``every``: how many frames from one grid to the next. ``film``: deformation.gif.
+    """
 
     folder: Path = Path("deformation")
     grid: tuple[Literal["vtk", "plot3d"], ...] = ()
@@ -204,7 +228,10 @@ class OutputEntry(Strict):
 
 
 class DeformProject(Strict):
-    """A whole deformation test. `path` is the project file; other paths are already absolute."""
+    """A whole deformation test. `path` is the project file; other paths are already absolute.
+
+    ``title``: of the report. ``length_unit``: of every length in this file, and of files that do not say theirs.
+    """
 
     path: Path
     title: str

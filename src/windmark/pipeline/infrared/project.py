@@ -32,7 +32,10 @@ def kelvin(key: str, value: float | None) -> None:
 
 
 class PlanckEntry(Strict):
-    """A camera's calibration S = R / (exp(B / T) - 1) + O in its numbers; ``t_range_K``: where it holds."""
+    """A camera's calibration S = R / (exp(B / T) - 1) + O in its numbers; ``t_range_K``: where it holds.
+
+    ``R``: of the formula. ``B``: of the formula. ``O``: of the formula.
+    """
 
     R: Positive
     B: Positive
@@ -55,6 +58,10 @@ class CameraEntry(DeformCamera):
     in ``band_um``. ``even``: patterns of pictures of a black body that fills the view, of one or of a colder and a
     warmer one: pixels are made equal by them, and their scatter says the noise. ``netd_K`` says it instead, at
     ``netd_at_K``. ``saturation``: number from which on a pixel does not count.
+
+    ``scale``: of the numbers. ``offset``: of the numbers. ``band_um``: wavelengths that the camera sees.
+    ``black_bodies``: table of its calibration. ``planck``: constants of the maker's curve. ``netd_K``: 1
+    sigma of a pixel, as a temperature. ``netd_at_K``: temperature at which ``netd_K`` is said.
     """
 
     quantity: Literal["counts", "temperature", "radiance"] = "counts"
@@ -91,6 +98,9 @@ class SurfaceEntry(Strict):
     ``index``) or "none"; a ``table`` (CSV ``angle_deg,emissivity``) says both. ``emissivity_sigma``: relative.
 
     ``surroundings_K``: what the surface reflects. ``transmission``, ``window_K``: of a window.
+
+    ``index``: of refraction. ``table``: of the emissivity by the viewing angle. ``surroundings_sigma_K``: 1 sigma of
+    ``surroundings_K``. ``transmission_sigma``: 1 sigma of ``transmission``.
     """
 
     emissivity: Annotated[float, Field(gt=0, le=1)] | None = None
@@ -145,7 +155,11 @@ class SamplingEntry(Strict):
 
 
 class OutputEntry(Strict):
-    """What is written, and where: fields of every ``every``-th frame."""
+    """What is written, and where: fields of every ``every``-th frame.
+
+    ``folder``: of the results. ``grid``: formats of the fields on the grid. ``every``: how many frames from one field
+    to the next.
+    """
 
     folder: Path = Path("infrared")
     grid: tuple[NodeFormat, ...] = ("vtk",)
@@ -153,7 +167,10 @@ class OutputEntry(Strict):
 
 
 class InfraredProject(Strict):
-    """A whole infrared run. `path` is the project file; other paths are already absolute, patterns are not."""
+    """A whole infrared run. `path` is the project file; other paths are already absolute, patterns are not.
+
+    ``title``: of the report. ``length_unit``: of every length in this file, and of files that do not say theirs.
+    """
 
     path: Path
     title: str

@@ -19,7 +19,11 @@ EFFUSIVITY = (20.0, 6e4)
 
 
 class LayerEntry(Strict):
-    """One layer. ``thickness_mm`` may be left out of the last one of a semi-infinite wall."""
+    """One layer. ``thickness_mm`` may be left out of the last one of a semi-infinite wall.
+
+    ``thickness_mm``: of the layer. ``conductivity_W_mK``: of heat. ``density_kg_m3``: of the material. ``heat_J_kgK``:
+    specific heat.
+    """
 
     thickness_mm: Positive | None = None
     conductivity_W_mK: Positive
@@ -49,6 +53,8 @@ class WallEntry(Strict):
     """The wall of some volumes (none given: of all), layers from the surface inwards.
 
     ``back``: "semi-infinite", "adiabatic" (no heat leaves it) or "isothermal". ``relative_sigma``: of the effusivity.
+
+    ``volumes``: that have it. ``layer``: tables of its layers, the outer one first.
     """
 
     volumes: tuple[str, ...] = ()

@@ -21,7 +21,11 @@ CAMERA, POINT = "{camera}", "{point}"
 
 
 class CameraEntry(Strict):
-    """One camera: a file with its lens and its pose (cam_from_tunnel). ``mask``: pixels that are used."""
+    """One camera: a file with its lens and its pose (cam_from_tunnel). ``mask``: pixels that are used.
+
+    ``name``: by which pictures and results call it. ``file``: its lens and its pose, of any format that `windmark
+    convert` reads.
+    """
 
     name: str
     file: Path
@@ -34,6 +38,8 @@ class TableEntry(Strict):
     ``alpha_at_rest_deg``: the incidence of the model as markers and grid have it, in the frame of the cameras' poses.
     ``max_alpha_error_deg``: how far the incidence that the pictures show may be from the table's; it tells rows that
     were exchanged.
+
+    ``table``: the file.
     """
 
     table: Path
@@ -109,6 +115,8 @@ class PaintEntry(Strict):
     ``steady``: of a calibration of the tunnel's gain form, NetCDF files with the steady ``pressure`` (and
     ``sigma_pressure``) at the grid's nodes, about which the gain holds (``{point}`` stands for the point), all wrong by
     the same ``steady_sigma_Pa`` (1 sigma).
+
+    ``steady_sigma_Pa``: 1 sigma of ``steady``, the same everywhere.
     """
 
     cell: Path | None = None
@@ -132,7 +140,10 @@ class PaintEntry(Strict):
 
 
 class LampEntry(Strict):
-    """A lamp, taken as a point that shines on all sides; the light of several is added in proportion to ``power``."""
+    """A lamp, taken as a point that shines on all sides; the light of several is added in proportion to ``power``.
+
+    ``position``: in the frame of the tunnel. ``power``: beside that of the other lamps.
+    """
 
     position: Vector
     power: Positive = 1.0
@@ -142,6 +153,9 @@ class TapsEntry(Strict):
     """Pressure taps. ``pressures``: CSV ``point,name,pressure_UNIT[,sigma_UNIT]``. ``radius``: of the holes.
 
     ``in_situ``: the paint's pressure is fitted to the taps; "compare" only compares them.
+
+    ``file``: their places: CSV or ``.tgts``. ``roles``: which rows of it, by default the taps. ``sigma``: of a reading,
+    where the table says none, in its unit.
     """
 
     file: Path
@@ -161,6 +175,10 @@ class TemperatureEntry(Strict):
     paint whose pictures the table of points names. Of these the last one that a point has counts. ``sigma_K``: by how
     much it varies over the wall, or differs from recovery (1 sigma); ``length``: over what distance it keeps about its
     value, a tenth of the grid's size by default.
+
+    ``thermocouples``: table of their places. ``readings``: CSV ``point,name,temperature_K[,sigma_K]``. ``maps``: NetCDF
+    files of temperatures at the nodes. ``maps_sigma_K``: 1 sigma of ``maps``, the same everywhere. ``paint``:
+    calibration of a temperature paint.
     """
 
     recovery: Annotated[float, Field(gt=0, le=1.2)] | None = None
@@ -187,6 +205,8 @@ class PatchesEntry(Strict):
     ``polygons``: CSV ``name,x,y,z``, the corners of each in order: screws, filler, damage, what is no paint.
 
     ``clear``: within so many radii of its centre, 0: none; and ``edge_px`` pixels farther: lenses blur its rim.
+
+    ``edge_px``: pixels beyond a patch that count to it.
     """
 
     polygons: Path | None = None
@@ -198,6 +218,8 @@ class SelfIlluminationEntry(Strict):
     """The model lights itself. ``reflectivity``: of the paint for its own light, with its error ``sigma``.
 
     ``facets``: how many groups of triangles throw light; more are finer where surfaces meet.
+
+    ``sigma``: 1 sigma of ``reflectivity``.
     """
 
     reflectivity: Annotated[float, Field(gt=0, lt=1)]
@@ -220,6 +242,9 @@ class LoadsEntry(Strict):
     """Reference area, chord, span and moment point of the loads, in the project's length unit.
 
     ``least_seen``: part of a volume's seen side that must have values.
+
+    ``area``: reference area. ``chord``: reference chord. ``span``: reference span. ``moment_point``: about which
+    moments are.
     """
 
     area: Positive
@@ -230,7 +255,11 @@ class LoadsEntry(Strict):
 
 
 class SectionEntry(Strict):
-    """A cut of the surface by a plane: Cp over x / c there. ``chord``: the direction that x / c runs along."""
+    """A cut of the surface by a plane: Cp over x / c there. ``chord``: the direction that x / c runs along.
+
+    ``name``: of its results. ``point``: of the plane. ``normal``: of the plane. ``volume``: that is cut, by default
+    all.
+    """
 
     name: str
     point: Vector
@@ -239,7 +268,10 @@ class SectionEntry(Strict):
 
 
 class OutputEntry(Strict):
-    """What is written, and where."""
+    """What is written, and where.
+
+    ``folder``: of the results. ``grid``: formats of the fields on the grid.
+    """
 
     folder: Path = Path("psp")
     grid: tuple[NodeFormat, ...] = ("vtk",)

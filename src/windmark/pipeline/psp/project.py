@@ -39,6 +39,8 @@ class PspProject(Strict):
 
     ``conditions``: of all points, for what neither the table of points nor a ``.wtd`` file says; keys as its columns.
     ``place``: lists of places on the model at rest at which results are wanted.
+
+    ``title``: of the report. ``length_unit``: of every length in this file, and of files that do not say theirs.
     """
 
     path: Path

@@ -124,7 +124,6 @@ def read_spots(
     """
 
     def look(path: io.PictureFile, name: str, taken: Taken) -> Picture:
-        clock.progress(f"detect {name}")
         image, mask = read_image(path, options)
         size = (int(image.shape[1]), int(image.shape[0]))
         spots = find_spots(image, mask, options)
@@ -132,5 +131,5 @@ def read_spots(
         return Picture(name, taken.camera, size, spots, taken.frame, blur_px=blur, radius_px=radius)
 
     with clock("detect"):
-        pictures, _ = read_pictures(paths, cameras, patterns, None, look)
+        pictures, _ = read_pictures(paths, cameras, patterns, None, look, clock.progress)
     return pictures, tuple(View(p.name, p.camera, p.frame) for p in pictures)

@@ -100,7 +100,7 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
         )
     # Taps that agree within their sigmas leave no scatter: what the fit leaves of those in it is the measure then.
     within = max(r.fit["scatter_Pa"], r.fit["rms_Pa"]) if r.fit else np.inf
-    if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > 3 * within:
+    if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > rules.LEFT_OUT_TIMES * within:
         yield Finding(
             DOUBTFUL,
             "taps",

@@ -18,6 +18,7 @@ _STEPS = {
     "rows": "give each row of the table of points its own pictures; else see points.alpha_at_rest_deg and the laws",
     "units": "correct the unit, the cell or the pictures that are named",
     "saturated": "expose shorter or dim the lamps",
+    "size": "give the camera that was calibrated at this size of pictures, or the pictures as they were taken",
 }
 REASONS: tuple[tuple[str, str, str], ...] = (
     ("the given focal length of", "focal", _STEPS["focal"]),
@@ -31,6 +32,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     ("the normals of the table", "discs", _STEPS["discs"]),
     ("picture or the table is mirrored", "mirrored", _STEPS["mirrored"]),
     ("of the picture is saturated", "saturated", _STEPS["saturated"]),
+    ("as its camera says (width x height)", "camera", _STEPS["size"]),
 )
 """Words, the cause of the verdict, and the next step; the first that a sentence has."""
 

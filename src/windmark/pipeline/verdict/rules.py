@@ -66,3 +66,11 @@ LAMP = (0.25, 100.0)
 """Distance of a lamp from the model, of the model's size: nearer it lights a part of it, farther it is the sun."""
 TEMPERATURE = 0.02
 """1 sigma of a temperature as part of it (6 K at 300 K), from which a map tells little."""
+BOUND_TIMES = 2.0
+"""Errors of centres over the least that pictures allow, from which three quarters of their square are the method's."""
+LEFT_OUT_TIMES = 3.0
+"""RMS of what is left out of a fit over that of what is in it, from which it follows single rows."""
+BEYOND = 0.1
+"""Part of a calibrated range beyond its ends that a law may be used in."""
+MODEL_M = (0.005, 200.0)
+"""Size of a model in metres: less is a grain, more no tunnel holds."""

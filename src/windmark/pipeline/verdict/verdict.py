@@ -18,6 +18,7 @@ CAUSES = {
     "usage": "a command that lacks something, or has something that there is not",
     "units": "units that differ or are mixed",
     "file": "a file that cannot be read, or does not fit the others",
+    "format": "what a format does not hold, or holds less exactly",
     "saturated": "a picture at its highest grey level",
     "interlaced": "a picture of two fields, taken one after the other",
     "blurred": "a picture out of focus, or moved while it was taken",

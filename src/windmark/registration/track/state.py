@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
+from windmark.geometry.described import described
 from windmark.scene import MarkerSet
 
 if TYPE_CHECKING:
@@ -48,6 +49,10 @@ class Motion:
         return np.array([self.rotation_rad, self.translation])
 
 
+@described(lambda s: {
+    "status": s.status, "reason": s.reason or "none", "matched": len(s.marker), "good frames": s.n_frames,
+    "missed": f"{s.missed:g}",
+})  # fmt: skip
 @dataclass(frozen=True, eq=False)
 class TrackState:
     """What is known after a frame. Hand it on to the next one.

@@ -9,8 +9,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g3
+from windmark.geometry.described import described
 from windmark.geometry.planar import PlanarTransform, Trial, hull_of, inside_hull
-from windmark.scene import Detections
+from windmark.scene import Detections, plots
+from windmark.scene.shown import pandas_table
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,6 +32,10 @@ CAUSES = {
 Cause = Literal["no_spots", "too_few", "undetermined", "nothing", "weak", "ambiguous", "mirrored"]
 
 
+@described(lambda a: {
+    "kind": a.kind, "pairs": len(a.pairs), "rejected": len(a.rejected), "rms px": g3(a.rms_px),
+    "held out rms px": g3(a.held_out_px),
+})  # fmt: skip
 @dataclass(frozen=True)
 class ImageAlignment:
     """An image aligned to a reference.
@@ -78,6 +85,20 @@ class ImageAlignment:
 
     def __bool__(self) -> bool:
         return True
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: spots of both pictures, places, residual and held-out residual of every pair."""
+        names = ("reference_x", "reference_y", "image_x", "image_y", "dx", "dy", "held_out_dx", "held_out_dy")
+        values = np.hstack([self.reference_xy, self.image_xy, self.residual, self.held_out]).T
+        spots = dict(zip(("reference_spot", "image_spot"), self.pairs.T, strict=True))
+        return pandas_table(spots | dict(zip(names, values, strict=True)))
+
+    def plot(self, ax: Any = None) -> Any:
+        """The aligned image with the markers' held-out residuals as arrows; the axes of matplotlib."""
+        ax = plots.pixel_axes(ax, self.image, self.reference_xy)
+        ax.plot(*self.reference_xy.T, ".", color="tab:blue")
+        plots.arrows(ax, self.reference_xy, self.held_out)
+        return ax
 
     @property
     def kind(self) -> str:

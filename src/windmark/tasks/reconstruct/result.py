@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from windmark.calibration import Calibration
 from windmark.errors import g3
 from windmark.geometry import Camera
-from windmark.scene import Doubt, MarkerSet, Tracks, View
-from windmark.scene.shown import described
+from windmark.geometry.described import described
+from windmark.scene import Doubt, MarkerSet, Tracks, View, plots
+from windmark.scene.shown import pandas_table
 
 Array = NDArray[np.float64]
 
@@ -109,6 +110,25 @@ class Reconstruction:
 
     def __bool__(self) -> bool:
         return True
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: name, place, its sigmas and the number of views of every marker."""
+        sigma = np.sqrt(np.diagonal(self.marker_cov, axis1=1, axis2=2))
+        return pandas_table({
+            "name": self.markers.name, **dict(zip("xyz", self.markers.xyz.T, strict=True)), "sigma_x": sigma[:, 0],
+            "sigma_y": sigma[:, 1], "sigma_z": sigma[:, 2], "views": self.count,
+        })  # fmt: skip
+
+    def plot(self, ax: Any = None) -> Any:
+        """Markers and stations of the pictures in space; the axes of matplotlib."""
+        stations = np.array([v.cam_from_model.center for v in self.views if v.cam_from_model is not None])
+        ax = plots.space_axes(ax, np.vstack([self.markers.xyz, stations.reshape(-1, 3)]))
+        known = self.markers.role == "primary"
+        for some, color, what in ((~known, "tab:blue", "markers"), (known, "tab:orange", "known markers")):
+            ax.plot(*self.markers.xyz[some].T, ".", color=color, label=what)
+        ax.plot(*stations.reshape(-1, 3).T, "^", color="tab:gray", label="stations")
+        ax.legend()
+        return ax
 
     @property
     def warnings(self) -> tuple[str, ...]:
