@@ -354,6 +354,6 @@ def test_a_disc_on_a_tube_is_laid_round_it(make_plate, tilted_view, lens, tilt):
         x, y = np.rint(t.xy[k]).astype(int)
         dark = (1 - r.image[y - 8 : y + 9, x - 8 : x + 9]) / 0.8
         assert dark.sum() == pytest.approx(np.pi * t.axes_px[k].prod(), rel=4e-3)
-        error.append([*centroid(dark), x - 8, y - 8] - t.ellipse_xy[k])
+        error.append(centroid(dark) + np.array([x - 8, y - 8]) - t.ellipse_xy[k])
         assert np.linalg.norm(flat.ellipse_xy[k] - t.ellipse_xy[k]) > 0.05
     assert np.sqrt(np.mean(np.square(error))) < 6e-3
