@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from windmark.app import web
+from windmark.app.feature_edges import feature_edges
 from windmark.app.packing import _DIGITS, COARSE, FINE, Packed, coordinates
-from windmark.app.scene_document import feature_edges, low_rank
+from windmark.app.scene_document import low_rank
 from windmark.scene import Mesh
 from windmark.scene.mesh import structured_triangles
 

@@ -136,7 +136,7 @@ def _write(place: Path, series: Series, markers: MarkerSet, camera: Camera, unit
     io.write_table(place / "matches.csv", match_columns(series.rows, markers))
     if series.last is not None:  # a start for the images that come later
         io.write_camera(place / "camera.json", camera, series.last[0], unit=unit, pose_cov=series.last[1])
-    page = _page(series.rows, record, unit, place)
+    page = _page(series.rows, record, markers, camera, unit, place)
     put_verdict(page, Verdict.of_record(record["verdict"]))
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     record["not_drawn"] = page.failed
@@ -144,8 +144,11 @@ def _write(place: Path, series: Series, markers: MarkerSet, camera: Camera, unit
     return page
 
 
-def _page(rows: list[PoseRow], record: Record, unit: str, place: Path) -> Report:
+def _page(
+    rows: list[PoseRow], record: Record, markers: MarkerSet, camera: Camera, unit: str, place: Path
+) -> Report:  # fmt: skip
     from windmark.app.track_pictures import motion_picture
+    from windmark.app.track_scene import track_scene
 
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     report = Report("A model followed through images", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
@@ -170,6 +173,9 @@ def _page(rows: list[PoseRow], record: Record, unit: str, place: Path) -> Report
     )  # fmt: skip
     if drawn is not None:
         (place / "motion.png").write_bytes(drawn)
+    report.heading("In 3D")
+    report.scene("3D view", lambda: track_scene(rows, markers, camera, unit), "The model's markers, and the camera in "
+                 "each image, in the model's frame. Under the cursor: names, places, residuals.")  # fmt: skip
     report.heading("Every image")
     columns = ["frame", "image", "status", "matched", "expected", "RMS px", *_headings(unit), "time ms", "reason"]
     report.table(columns, [_row(row) for row in rows], scroll=True)
