@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from windmark.app import pictures, run_report
-from windmark.app.provenance import told
 from windmark.app.report import Report, cell, earned_decimals, measured, measured_rows
 from windmark.app.svg import ticks
+from windmark.pipeline.private_paths import told, without_folders
 
 
 def test_text_is_escaped_everywhere():
@@ -111,3 +111,13 @@ def test_a_measured_number_has_the_digits_that_its_sigma_earns():
     assert measured(245876.8803, 10102.9, sign="+") == ("+245877", "10103")
     assert measured(0.26403, 0.0035) == ("0.2640", "0.0035")
     assert measured(float("nan"), 0.1) == ("–", "–")
+
+
+def test_records_of_results_have_no_private_folder():
+    test = Path("/secret place/test")
+    record = {"file": test / "pictures/a.tif", "mask": Path("/elsewhere/mask.png"), "sides": (3, Path("b.csv")),
+              "notes": [f"{test}/m.csv: in mm, as /home/ann/c.json says"], "count": 4, "none": None}  # fmt: skip
+    assert without_folders(record, test) == {
+        "file": "pictures/a.tif", "mask": "mask.png", "sides": [3, "b.csv"],
+        "notes": ["m.csv: in mm, as c.json says"], "count": 4, "none": None,
+    }  # fmt: skip

@@ -80,8 +80,8 @@ class Report:
         self.parts.append(f'<p class="{style}">{said}</p>' if style else f"<p>{said}</p>")
 
     def told(self, text: str) -> str:
-        """Without private paths, see `provenance.told`."""
-        from windmark.app.provenance import told
+        """Without private paths, see `private_paths.told`."""
+        from windmark.pipeline.private_paths import told
 
         return told(text, *([] if self.folder is None else [self.folder])) if "/" in text or "\\" in text else text
 

@@ -8,6 +8,7 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.provenance import Provenance
 from windmark.compiling import job_time
 from windmark.pipeline.study import Study, StudySettings, run_study
 
@@ -20,21 +21,23 @@ def study(settings: StudySettings, output: Path, as_json: bool) -> None:
     with console.progress() as show, console.result_folder(output) as out:
         done = run_study(settings, show)
         show("draw")
-        failed = write_study(done, out.place)
+        failed = write_study(done, out)
         record = {**done.record(), "seconds": job_time() - start, "folder": output, "not_drawn": failed}
-        io.write_json(out.place / "summary.json", record)
+        console.write_summary(out, record)
     lines = [*map(_line, record["summary"]), *not_drawn(failed), f"report: {output / 'study.html'}"]
     console.answer(record, as_json, lines)
     if (done.missed == done.markers).all():
         console.refuse("no marker was found at these settings; nothing can be said of the error", as_json)
 
 
-def write_study(done: Study, place: Path) -> list[str]:
+def write_study(done: Study, out: io.ResultFolder) -> list[str]:
     """Table, pictures and page of a study; what could not be drawn."""
     from windmark.app.study_pictures import study_page
 
+    place = out.place
     io.write_table(place / "study.csv", done.columns())
     page = study_page(done, place)
+    page.provenance(Provenance.of_verb(out))
     (place / "study.html").write_text(page.html(), encoding="utf-8")
     return page.failed
 

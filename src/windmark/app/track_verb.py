@@ -14,6 +14,7 @@ import windmark
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.provenance import Provenance
 from windmark.app.report import Report, measured
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
@@ -89,7 +90,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
         }  # fmt: skip
         verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None)
         record["verdict"] = verdict.record()
-        page = _write(out.place, series, markers, camera, unit, record)
+        page = _write(out, wishes, series, markers, camera, record)
         out.refused = last is None
     if last is None:
         console.refuse(verdict.reason, as_json, record, verdict.next_step)
@@ -130,17 +131,21 @@ def read_instants(path: Path, images: list[io.PictureFile]) -> list[float]:
     return [known.get(image.name, known.get(image.stem, np.nan)) for image in images]
 
 
-def _write(place: Path, series: Series, markers: MarkerSet, camera: Camera, unit: str, record: Record) -> Report:
+def _write(
+    out: io.ResultFolder, wishes: Wishes, series: Series, markers: MarkerSet, camera: Camera, record: Record
+) -> Report:
     """Tables, picture, page and figures; what could not be drawn goes into the record, too."""
+    place, unit = out.place, wishes.unit
     io.write_table(place / "poses.csv", pose_columns(series.rows))
     io.write_table(place / "matches.csv", match_columns(series.rows, markers))
     if series.last is not None:  # a start for the images that come later
         io.write_camera(place / "camera.json", camera, series.last[0], unit=unit, pose_cov=series.last[1])
     page = _page(series.rows, record, markers, camera, unit, place)
     put_verdict(page, Verdict.of_record(record["verdict"]))
+    page.provenance(Provenance.of_verb(out))
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     record["not_drawn"] = page.failed
-    io.write_json(place / "summary.json", record)
+    console.write_summary(out, record, wishes.markers.resolve().parent)
     return page
 
 
