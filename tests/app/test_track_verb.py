@@ -69,6 +69,7 @@ def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_pa
     assert "f3.tif" in page
     assert "8 input files with SHA-256" in page  # six pictures, markers, camera
     assert "--radius" in page
+    assert page.count('class="wm-photo"') in (1, 2)  # the first pose, the largest residuals
     for told in (page, (out / "summary.json").read_text(encoding="utf-8")):
         assert str(folder.parent) not in told
     assert page.count('class="wm-scene"') == 1

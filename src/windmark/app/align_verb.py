@@ -141,11 +141,11 @@ class Shown:
             ]
         return out
 
-    def _residuals(self, item: AlignedFile) -> Figure:
-        from windmark.app.align_pictures import residual_map
+    def _residuals(self, item: AlignedFile) -> str:
+        from windmark.app.align_pictures import residual_photo
 
         assert item.alignment is not None
-        return residual_map(self.reference.image, item.alignment, item.name)
+        return residual_photo(self.reference.image, item.alignment, item.name)
 
     def _ratio(self, item: AlignedFile) -> Figure | None:
         from windmark.app.align_pictures import ratio_picture

@@ -14,9 +14,11 @@ import windmark
 from windmark import io
 from windmark.app.infrared_pictures import flags_map, histories_picture, medians_picture
 from windmark.app.infrared_scene import infrared_scene
+from windmark.app.marked_photo import standing_photo
 from windmark.app.psp_pictures import cp_map
 from windmark.app.report import Report, measured
 from windmark.errors import g3
+from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared import FAILED, FrameRecord, InfraredResult, InfraredRun, reduced
 from windmark.pipeline.infrared.outputs import FRAMES
 from windmark.pipeline.infrared.run import MEAN
@@ -57,6 +59,7 @@ def infrared_page(run: InfraredRun, result: InfraredResult, folder: Path) -> Rep
         pick = np.unique(np.linspace(0, len(drawn) - 1, min(MAPS, len(drawn))).astype(int))
         for r in [drawn[k] for k in pick]:
             _maps(report, run, folder, r.key, f"frame {r.key}, {g3(r.time_s)} s")
+        _pictures(report, run, [r for r in done if r.followed.standing is not None])
         report.heading("In 3D")
         report.scene("3D view", lambda: infrared_scene(run, written, lambda key: _fields(folder, key)),
                      "Heat flux and temperature of the frames, all on one scale, where the model was in the tunnel; "
@@ -94,6 +97,21 @@ def _frames(report: Report, result: InfraredResult) -> None:
             report.text(f"Frame {r.key}: {'; '.join(r.remarks)}", "soft")
     for remark in result.remarks:
         report.text(remark, "bad")
+
+
+def _pictures(report: Report, run: InfraredRun, records: list[FrameRecord]) -> None:
+    """What each camera saw of the worst frame."""
+    if not records:
+        return
+    r = max(records, key=lambda r: r.rms_px)
+    images = run.timeline.frames[r.index].images
+    report.heading("What the cameras saw")
+    for name in r.cameras:
+        with report.part(f"picture of {name}"):
+            image = read(images[name], run.deforming.test.station(name))
+            assert r.followed.standing is not None
+            report.raw(standing_photo(image, r.followed.standing, name, run.deforming.test.markers,
+                                      f"{name}, frame {r.key}, the one with the largest residuals."))  # fmt: skip
 
 
 def _percent(part: float) -> str | None:

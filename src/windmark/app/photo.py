@@ -118,11 +118,16 @@ class Overlay:
 
     def spots(self, spots: Detections, kind: NDArray[np.bool_], notes: Sequence[str], words: tuple[str, str]) -> None:
         """Circles of matched (``kind`` True) and spare spots; ``words`` for the two."""
-        radius = np.maximum(1.8 * np.nan_to_num(spots.radius_px, nan=3.0), 5.0)
+        self.rings(spots.xy, np.maximum(1.8 * np.nan_to_num(spots.radius_px, nan=3.0), 5.0), kind, notes, words)
+
+    def rings(
+        self, xy: Array, radius: Array, kind: NDArray[np.bool_], notes: Sequence[str], words: tuple[str, str]
+    ) -> None:  # fmt: skip
+        """`spots` at places (K, 2), with the radii (K,) of their circles."""
         drawn = "".join(
             f'<circle class="{"matched" if of else "spare"}" cx="{x:.2f}" cy="{y:.2f}" r="{r:.1f}">'
             f"<title>{escape(note)}</title></circle>"
-            for (x, y), r, of, note in zip(spots.xy.tolist(), radius.tolist(), kind.tolist(), notes, strict=True)
+            for (x, y), r, of, note in zip(xy.tolist(), radius.tolist(), kind.tolist(), notes, strict=True)
         )
         said = _key("#00c853", words[0]) + ("" if kind.all() else _key("#ff9100", words[1]))
         self.layers["spots"] = (said, f'<g class="spots">{drawn}</g>')
@@ -147,6 +152,13 @@ class Overlay:
         self.layers["residuals"] = (_key("#c9b800", f"{words} × {factor:g}", "dash"),
                                     f'<path class="residual residuals" d="{drawn}"/>')  # fmt: skip
         self._name(xy, names, "of-matched")
+
+    def lines(self, layer: str, lines: Sequence[Array], words: str, colour: str) -> None:
+        """Lines (N, 2) of a layer of their own."""
+        drawn = "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in line.tolist())
+                        for line in lines if np.isfinite(line).all())  # fmt: skip
+        style = f"stroke: {colour}; stroke-width: 1.4"
+        self.layers[layer] = (_key(colour, words, "dash"), f'<path class="{layer}" style="{style}" d="{drawn}"/>')
 
     def wires(self, lines: Sequence[Array], words: str) -> None:
         """Lines of the projected grid, as many as fit."""

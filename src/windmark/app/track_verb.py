@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -90,7 +90,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
         }  # fmt: skip
         verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None)
         record["verdict"] = verdict.record()
-        page = _write(out, wishes, series, markers, camera, record)
+        page = _write(out, wishes, series, markers, camera, record, images)
         out.refused = last is None
     if last is None:
         console.refuse(verdict.reason, as_json, record, verdict.next_step)
@@ -132,15 +132,16 @@ def read_instants(path: Path, images: list[io.PictureFile]) -> list[float]:
 
 
 def _write(
-    out: io.ResultFolder, wishes: Wishes, series: Series, markers: MarkerSet, camera: Camera, record: Record
-) -> Report:
+    out: io.ResultFolder, wishes: Wishes, series: Series, markers: MarkerSet, camera: Camera, record: Record,
+    images: Sequence[io.PictureFile],
+) -> Report:  # fmt: skip
     """Tables, picture, page and figures; what could not be drawn goes into the record, too."""
     place, unit = out.place, wishes.unit
     io.write_table(place / "poses.csv", pose_columns(series.rows))
     io.write_table(place / "matches.csv", match_columns(series.rows, markers))
     if series.last is not None:  # a start for the images that come later
         io.write_camera(place / "camera.json", camera, series.last[0], unit=unit, pose_cov=series.last[1])
-    page = _page(series.rows, record, markers, camera, unit, place)
+    page = _page(series.rows, record, markers, camera, unit, place, images)
     put_verdict(page, Verdict.of_record(record["verdict"]))
     page.provenance(Provenance.of_verb(out))
     (place / "report.html").write_text(page.html(), encoding="utf-8")
@@ -150,7 +151,8 @@ def _write(
 
 
 def _page(
-    rows: list[PoseRow], record: Record, markers: MarkerSet, camera: Camera, unit: str, place: Path
+    rows: list[PoseRow], record: Record, markers: MarkerSet, camera: Camera, unit: str, place: Path,
+    images: Sequence[io.PictureFile],
 ) -> Report:  # fmt: skip
     from windmark.app.track_pictures import motion_picture
     from windmark.app.track_scene import track_scene
@@ -181,6 +183,7 @@ def _page(
     report.heading("In 3D")
     report.scene("3D view", lambda: track_scene(rows, markers, camera, unit), "The model's markers, and the camera in "
                  "each image, in the model's frame. Under the cursor: names, places, residuals.")  # fmt: skip
+    _pictures(report, rows, markers, images)
     report.heading("Every image")
     columns = ["frame", "image", "status", "matched", "expected", "RMS px", *_headings(unit), "time ms", "reason"]
     report.table(columns, [_row(row) for row in rows], scroll=True)
@@ -192,6 +195,24 @@ def _page(
         ["motion.png, summary.json", "the picture above, the figures above"],
     ])  # fmt: skip
     return report
+
+
+def _pictures(report: Report, rows: list[PoseRow], markers: MarkerSet, images: Sequence[io.PictureFile]) -> None:
+    """The first image with a pose, and the one with the largest residuals."""
+    from windmark.app.marked_photo import SERIES, marked_photo
+
+    good = [k for k, row in enumerate(rows) if row.cam_from_model is not None]
+    if not good:
+        return
+    report.heading("Pictures")
+    shown = {max(good, key=lambda k: rows[k].rms_px): "the largest residuals", good[0]: "the first pose"}
+    for k, what in shown.items():
+        row = rows[k]
+        with report.part(f"picture of {row.name}"):
+            marker, columns = row.matches
+            names = [str(n) for n in markers.name[marker]]
+            report.raw(marked_photo(io.read_grey(images[k]), columns[:, :2], columns[:, 2:], names,
+                                    f"{row.name}: {what}.", SERIES))  # fmt: skip
 
 
 def _headings(unit: str) -> list[str]:
