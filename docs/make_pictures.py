@@ -72,7 +72,7 @@ def main() -> None:
 
 def alignment_2d_pictures() -> dict[str, Figure]:
     """A bent wing put back by its markers alone: what ``align`` without a camera draws."""
-    from windmark.app.align_pictures import ratio_picture, residual_map
+    from windmark.app.align_pictures import ratio_picture
     from windmark.pipeline.align2d import AlignSettings, align_files, read_reference
     from windmark.pipeline.align2d.outputs import ratios
     from windmark.pipeline.simulate_deforming import simulate_deforming
@@ -86,7 +86,6 @@ def alignment_2d_pictures() -> dict[str, Figure]:
     assert item.alignment is not None, item.problem
     before, after = ratios(item, reference) or (reference.image, reference.image)
     return {
-        "align-2d-residuals": residual_map(reference.image, item.alignment, item.name),
         "align-2d-ratio": ratio_picture(before, after, item.alignment, item.name),
     }
 

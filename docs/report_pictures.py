@@ -1,6 +1,8 @@
-"""Take the guide's pictures of a report, as a browser shows it: ``python docs/report_pictures.py REPORT.html``.
+"""Take the guide's pictures of reports, as a browser shows them:
+``python docs/report_pictures.py RUN.html ALIGN.html``.
 
-The guide has NASA's plate: ``windmark run examples/nasa-upsp-cam5.toml``. Needs Chromium.
+The guide has NASA's plate, ``windmark run examples/nasa-upsp-cam5.toml``, and ``windmark align`` of the pictures
+cam1-0000 and cam1-0003 of ``windmark simulate FOLDER --deforming 4``. Needs Chromium.
 """
 
 from __future__ import annotations
@@ -16,30 +18,41 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "app"))
 import browser  # noqa: E402
 
-PARTS = {"report-3d": (".wm-scene", 1.0), "report-picture": (".wm-photo", 2 / 3)}
+PARTS = (
+    {"report-3d": (".wm-scene", 1.0), "report-picture": (".wm-photo", 2 / 3)},
+    {"align-2d-residuals": (".wm-photo", 2 / 3)},
+)
+"""Of each report: name -> where it is, and its size."""
 COLOURS = 200
 
 
-def main(report: Path) -> None:
+def main(reports: list[Path]) -> None:
     """Save the pictures beside the others."""
     if browser.found() is None:
         raise SystemExit("no Chromium here (apt-get install chromium)")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, browser.opened(folder, 1250, 900) as tab:
-        tab.open(report)
+        for report, parts in zip(reports, PARTS, strict=False):
+            take(tab, report, parts)
+
+
+def take(tab: browser.Page, report: Path, parts: dict[str, tuple[str, float]]) -> None:
+    """Save the parts of one report."""
+    tab.open(report)
+    if "report-3d" in parts:
         x, y = tab.centre(".wm-stage")
         for step in (1, 2):  # something under the cursor
             tab.mouse("mouseMoved", x + 20 * step, y - 40)
         tab.until("!document.querySelector('.wm-tip').hidden")
-        for name, (selector, scale) in PARTS.items():
-            box = tab.js(f"(() => {{ const r = document.querySelector('{selector}').getBoundingClientRect();"
-                         " return [r.x + scrollX, r.y + scrollY, r.width, r.height]; })()")  # fmt: skip
-            shot = Image.open(io.BytesIO(tab.shot(clip=box, whole=True))).convert("RGB")
-            shot = shot.resize((round(shot.width * scale), round(shot.height * scale)), Image.Resampling.LANCZOS)
-            small = shot.quantize(COLOURS, dither=Image.Dither.NONE)
-            small.save(ROOT / "docs" / "pictures" / f"{name}.png", optimize=True)
-        if said := tab.wrong():
-            raise SystemExit(f"the page did what it must not: {said}")
+    for name, (selector, scale) in parts.items():
+        box = tab.js(f"(() => {{ const r = document.querySelector('{selector}').getBoundingClientRect();"
+                     " return [r.x + scrollX, r.y + scrollY, r.width, r.height]; })()")  # fmt: skip
+        shot = Image.open(io.BytesIO(tab.shot(clip=box, whole=True))).convert("RGB")
+        shot = shot.resize((round(shot.width * scale), round(shot.height * scale)), Image.Resampling.LANCZOS)
+        small = shot.quantize(COLOURS, dither=Image.Dither.NONE)
+        small.save(ROOT / "docs" / "pictures" / f"{name}.png", optimize=True)
+    if said := tab.wrong():
+        raise SystemExit(f"the page did what it must not: {said}")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main([Path(name) for name in sys.argv[1:]])

@@ -7,7 +7,7 @@ import pytest
 
 from windmark.app.network_scene import network_scene
 from windmark.app.report import Report
-from windmark.app.scene3d import Field, Frames, Markers, Scene3D, Station
+from windmark.app.scene3d import Field, Frames, Markers, Scene3D, Shifts, Station
 from windmark.calibration import Free, self_calibrate
 from windmark.geometry import Camera, Pose
 from windmark.scene import Mesh
@@ -88,6 +88,48 @@ def test_markers_go_with_the_surface(tab, tmp_path):
     tab.js("WM.scenes[0].setMagnify(0)")
     tab.settle()
     assert tab.js("WM.scenes[0].model.spots[0][2]") == pytest.approx(0, abs=1e-6)
+    assert tab.wrong() == []
+
+
+def test_a_camera_that_moves_has_its_residuals_and_field_in_every_frame(tab, tmp_path):
+    """With the slider go camera, residuals and the field of the same label; with a camera that stands still the eye."""
+    camera, xyz = Camera((1200, 800), 1500.0), np.array([[0.0, 0, 0], [60, 0, 0], [0, 40, 0]])
+    poses = [Pose.look_at([30 + 20 * k, 20, 200], [30 + 5 * k, 20, 0], [0, 1, 0]) for k in range(3)]
+    frames = Frames(
+        ("a", "b", "c"), np.zeros((3, 900, 3), np.float32), None, 1.0, "",
+        stations=tuple((Station(f"at {k}", camera, p),) if k != 1 else () for k, p in enumerate(poses)),
+        shifts=(Shifts(np.full((3, 3), 2.0), 3.0, "three times", ("one", "", "")), None, None), first=0,
+    )  # fmt: skip
+    fields = [Field(f"{what}-{k}", f"{what} {k}", what, np.full(900, 1.0 + k), frame=k)
+              for what in ("T", "q") for k in range(3)]  # fmt: skip
+    markers = Markers(("A", "B", "C"), xyz, groups=(("#ff0000", "too close", (1, 2)),))
+    look = np.array([0, 0.2, -1.0]), np.array([0, 1.0, 0])
+    shown(tab, tmp_path, Scene3D("mm", *look, plate(), fields, markers=markers, frames=frames, chosen=3))
+    assert "too close (2)" in tab.js("document.querySelector('.wm-panel').innerText")
+    assert "three times" in tab.js("document.querySelector('.wm-panel').innerText")
+
+    def slide(k):
+        tab.js(f"(() => {{ const s = document.querySelector('input[type=range]'); s.value = {k};"
+               " s.dispatchEvent(new Event('input')); })()")  # fmt: skip
+        tab.until(f"WM.scenes[0].field.values?.[0] === {1 + k} && WM.scenes[0].model.frame === {k}")
+
+    def seen(k):
+        """Where the camera has the markers by the drawing: what of the eye stands still beside the camera."""
+        x = tab.js("WM.scenes[0].orbit.eye")
+        return poses[k].apply(np.array([x]))[0]
+
+    before = seen(0)
+    tab.js("WM.scenes[0].steady = true")
+    slide(1)
+    assert tab.js("WM.scenes[0].model.cameras.length") == 0
+    assert "three times" not in tab.js("document.querySelector('.wm-panel').innerText")
+    slide(2)
+    assert seen(2) == pytest.approx(before, abs=1e-3)
+    assert tab.js("WM.scenes[0].field.key") == "q-2"
+    assert tab.js("WM.scenes[0].model.cameras[0].name") == "at 2"
+    tab.js("WM.scenes[0].choose(0)")
+    tab.until("WM.scenes[0].model.frame === 0")
+    assert tab.js("document.querySelector('output').textContent") == "a"
     assert tab.wrong() == []
 
 

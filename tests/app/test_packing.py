@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import re
 import shutil
 import subprocess
 
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 
 from windmark.app import web
+from windmark.app.feature_edges import feature_edges
 from windmark.app.packing import _DIGITS, COARSE, FINE, Packed, coordinates
-from windmark.app.scene_document import feature_edges, low_rank
+from windmark.app.scene_document import low_rank
 from windmark.scene import Mesh
 from windmark.scene.mesh import structured_triangles
 
@@ -22,6 +24,13 @@ def opened(text):
     whole = gzip.decompress(b"".join(four.to_bytes(4, "big") for four in fours)[: int(length)])
     length = int.from_bytes(whole[:4], "little")
     return json.loads(whole[4 : 4 + length]), np.frombuffer(whole, np.uint8, offset=4 + length)
+
+
+def page_text(path):
+    """A report with the parts that are packed in it."""
+    page = path.read_text(encoding="utf-8")
+    parts = re.findall(r'<script type="text/plain" id="part-[^"]*">([^<]*)</script>', page)
+    return page + "".join(opened(part)[1].tobytes().decode() for part in parts)
 
 
 def ints(raw, of):

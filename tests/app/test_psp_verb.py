@@ -82,6 +82,8 @@ def test_a_simulated_polar_comes_out_as_it_is_true(polar, whole):
     assert high[0] - low[0] > 5 * np.hypot(low[1], high[1])  # four degrees of incidence
     html = (out / "report.html").read_text()
     assert html.count("<img") >= 8
+    assert html.count('class="wm-scene"') == 1
+    assert html.count('class="wm-photo"') == 2  # one of each camera
     assert "area shown" in html
     wing = [r for r in rows(out / "loads.csv") if r["volume"] == "wing"]
     assert all(0.3 < float(r["area_shown"]) < 0.6 for r in wing)

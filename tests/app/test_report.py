@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from windmark.app import pictures, run_report
-from windmark.app.provenance import told
 from windmark.app.report import Report, cell, earned_decimals, measured, measured_rows
 from windmark.app.svg import ticks
+from windmark.pipeline.private_paths import told, without_folders
 
 
 def test_text_is_escaped_everywhere():
@@ -77,8 +77,8 @@ def test_private_folders_are_not_told(text, said):
     assert told(text, Path("/secret place/test")) == said
 
 
-@pytest.mark.parametrize(("count", "packed"), [(3, False), (9, False), (15, True)])
-def test_the_worst_pictures_keep_their_pixels(monkeypatch, count, packed):
+@pytest.mark.parametrize(("count", "packed"), [(1, False), (9, False), (15, True)])
+def test_the_worst_picture_has_the_most_room(monkeypatch, count, packed):
     rooms = {}
     monkeypatch.setattr(run_report, "image_part", lambda _, item, __, room, ___: rooms.update({item.name: room}))
     answers = [SimpleNamespace(rms_px=float(k), matching=[0]) for k in range(count)]
@@ -87,9 +87,8 @@ def test_the_worst_pictures_keep_their_pixels(monkeypatch, count, packed):
     order = run_report.worst_first(items)
     run_report._images(report, order, SimpleNamespace(images=items), packed)
     assert sorted(rooms) == sorted(i.name for i in items)
-    whole = {name for name, room in rooms.items() if room.photo > 400_000}
-    assert whole == {i.name for i in items[-run_report.WHOLE :]}
-    assert ("are coarser here, beside" in report.html()) == (count > run_report.WHOLE)
+    assert {name for name, room in rooms.items() if room.photo > 100_000} == {items[-1].name}
+    assert ("are packed tighter" in report.html()) == (count > 1)
 
 
 @pytest.mark.parametrize("about", [1, 3, 6])
@@ -111,3 +110,13 @@ def test_a_measured_number_has_the_digits_that_its_sigma_earns():
     assert measured(245876.8803, 10102.9, sign="+") == ("+245877", "10103")
     assert measured(0.26403, 0.0035) == ("0.2640", "0.0035")
     assert measured(float("nan"), 0.1) == ("–", "–")
+
+
+def test_records_of_results_have_no_private_folder():
+    test = Path("/secret place/test")
+    record = {"file": test / "pictures/a.tif", "mask": Path("/elsewhere/mask.png"), "sides": (3, Path("b.csv")),
+              "notes": [f"{test}/m.csv: in mm, as /home/ann/c.json says"], "count": 4, "none": None}  # fmt: skip
+    assert without_folders(record, test) == {
+        "file": "pictures/a.tif", "mask": "mask.png", "sides": [3, "b.csv"],
+        "notes": ["m.csv: in mm, as c.json says"], "count": 4, "none": None,
+    }  # fmt: skip

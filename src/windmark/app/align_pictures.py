@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from windmark.app.pictures import MISSING, SPARE, WIDTH_IN, image_axes
+from windmark.app.photo import FIRST, Overlay, preview
+from windmark.app.pictures import MISSING, SPARE, WIDTH_IN
 from windmark.scene.plots import round_length
 from windmark.tasks.align2d import ImageAlignment
 
@@ -16,39 +16,30 @@ Array = NDArray[np.float64]
 ARROW, MOTION, HULL = "#ffd600", "#40c4ff", "#00c853"
 
 
-def residual_map(reference: NDArray[np.generic], answer: ImageAlignment, name: str) -> Figure:
-    """Held-out residuals (mapped − seen) magnified, motion of the markers, their hull, and rejected pairs."""
-    figure, axes = image_axes(reference)
-    axes.images[0].set_alpha(0.75)
-    axes.set_facecolor("black")
+def residual_photo(reference: NDArray[np.generic], answer: ImageAlignment, name: str) -> str:
+    """The reference with held-out residuals (mapped − seen) and the motion of the markers, magnified, their hull, and
+    rejected pairs.
+    """
+    over = Overlay((reference.shape[1], reference.shape[0]))
     place, held, shift = answer.reference_xy, answer.held_out, answer.shift_px
-    factor = _factor(held, reference.shape[1])
-    times = _factor(shift - np.median(shift, axis=0), reference.shape[1], 0.04)
+    median = np.median(shift, axis=0)
+    factor, times = _factor(held, reference.shape[1]), _factor(shift - median, reference.shape[1], 0.04)
+    notes = [f"x {x:.2f}, y {y:.2f} px; held-out residual {dx:+.3f}, {dy:+.3f} px; motion {u:+.2f}, {v:+.2f} px"
+             .replace("-", "−") for (x, y), (dx, dy), (u, v) in zip(*(a.tolist() for a in (place, held, shift)),
+                                                                    strict=True)]  # fmt: skip
+    over.rings(place, np.full(len(place), 6.0), np.ones(len(place), bool), notes, (f"marker ({len(place)})", ""))
+    over.lines("motion", _vectors(place, shift - median, times),
+               f"motion less its median ({median[0]:+.1f}, {median[1]:+.1f} px) × {times:g}", MOTION)  # fmt: skip
+    over.lines("residuals", _vectors(place, held, factor),
+               f"held-out residual × {factor:g} (RMS {answer.held_out_px:.3f} px)", ARROW)  # fmt: skip
     if len(answer.hull) > 2:
-        axes.add_patch(Polygon(answer.hull, closed=True, fill=False, edgecolor=HULL, lw=1.2, ls="--"))
-    axes.plot(*place.T, "o", ms=3.5, mfc="none", mec="white", mew=0.8)
-    _arrows(axes, place, shift - np.median(shift, axis=0), times, MOTION)
-    _arrows(axes, place, held, factor, ARROW)
-    wrong = answer.reference_spots.xy[answer.rejected[:, 0]]
-    axes.plot(*wrong.T, "x", ms=9, mew=2, color=MISSING)
-    walls = answer.reference_spots.xy[answer.still[:, 0]]
-    axes.plot(*walls.T, "s", ms=8, mew=1.2, mfc="none", color=SPARE)
-    entries = [
-        (ARROW, "-", f"held-out residual, {factor:g} times (RMS {answer.held_out_px:.3f} px)"),
-        (MOTION, "-", f"motion less its median ({np.median(shift[:, 0]):+.1f}, {np.median(shift[:, 1]):+.1f} px), "
-                      f"{times:g} times"),
-        (HULL, "--", "hull of the markers: outside it is extrapolated"),
-    ]  # fmt: skip
-    handles = [axes.plot([], [], color=c, ls=s, lw=1.6, label=t)[0] for c, s, t in entries]
-    if len(wrong):
-        handles += axes.plot([], [], "x", ms=8, mew=2, color=MISSING, label=f"{len(wrong)} rejected")
-    if len(walls):
-        handles += axes.plot(
-            [], [], "s", ms=7, mew=1.2, mfc="none", color=SPARE, label=f"{len(walls)} stand still: left out"
-        )
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8, frameon=False)
-    axes.set_title(f"{name} on the reference: {len(place)} markers, {answer.kind}")
-    return figure
+        over.lines("hull", [np.concatenate([answer.hull, answer.hull[:1]])], "hull: outside it is extrapolated", HULL)
+    for layer, pairs, words, colour in (("rejected", answer.rejected, "rejected", MISSING),
+                                        ("still", answer.still, "stand still: left out", SPARE)):  # fmt: skip
+        if len(pairs):
+            over.lines(layer, _crosses(answer.reference_spots.xy[pairs[:, 0]]), f"{len(pairs)} {words}", colour)
+    return over.html(preview(reference, FIRST.photo)[0],
+                     f"{name} on the reference: {len(place)} markers, {answer.kind}.")  # fmt: skip
 
 
 def ratio_picture(before: NDArray[np.float32], after: NDArray[np.float32], answer: ImageAlignment, name: str) -> Figure:
@@ -71,9 +62,14 @@ def ratio_picture(before: NDArray[np.float32], after: NDArray[np.float32], answe
     return figure
 
 
-def _arrows(axes: Axes, place: Array, vector: Array, factor: float, colour: str) -> None:
-    axes.quiver(*place.T, *(factor * vector).T, color=colour, angles="xy", scale_units="xy", scale=1, width=0.002,
-                headwidth=4, headlength=5)  # fmt: skip
+def _vectors(place: Array, vector: Array, factor: float) -> list[Array]:
+    return list(np.stack([place, place + factor * vector], axis=1))
+
+
+def _crosses(place: Array, half: float = 7.0) -> list[Array]:
+    """Two strokes each."""
+    strokes = np.array([[[-half, -half], [half, half]], [[-half, half], [half, -half]]])
+    return list((place[:, None, None] + strokes).reshape(-1, 2, 2))
 
 
 def _factor(vectors: Array, width: int, share: float = 0.03) -> float:

@@ -9,11 +9,12 @@ from typing import Any
 from matplotlib.figure import Figure
 
 import windmark
+from windmark.app.pictures import png
 from windmark.app.report import Report
 
 Record = dict[str, Any]
-Drawing = tuple[str, Callable[[], Figure | None], str]
-"""What it is, what draws it, its caption."""
+Drawing = tuple[str, Callable[[], Figure | str | None], str]
+"""What it is, what draws it (a figure, or HTML as it is), its caption."""
 
 MEANING = (
     "2D alignment: the transformation takes each pixel of the reference to the place in the image where the markers "
@@ -60,11 +61,16 @@ def align_report(record: Record, pictures: Mapping[str, Sequence[Drawing]]) -> R
             reasons = {row["kinds"][kind]["reason"] for row in good} - {""}
             for reason in sorted(reasons)[:1]:
                 report.text(reason, "soft")
-    for name, drawn in pictures.items():
+    for name, drawings in pictures.items():
         report.heading(name)
         report.text(next(row["choice"] for row in good if row["image"] == name))
-        for what, draw, caption in drawn:
-            report.drawing(f"{name}: {what}", draw, caption)
+        for what, draw, caption in drawings:
+            with report.part(f"{name}: {what}"):
+                drawn = draw()
+                if isinstance(drawn, str):
+                    report.raw(drawn)
+                elif drawn is not None:
+                    report.picture(png(drawn), caption)
     report.closing(
         [
             ("NAME/aligned.tif", "the image recomputed on the reference, float32, NaN where it shows nothing"),

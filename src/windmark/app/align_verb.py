@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.errors import UsageError
@@ -76,8 +77,8 @@ def align(wishes: Wishes, as_json: bool) -> None:
         show("draw the report")
         verdict = align_verdict(rows, states)
         record["verdict"] = verdict.record()
-        page = _report(out.place, record, shown, verdict)
-        io.write_json(out.place / "summary.json", record)
+        page = _report(out, record, shown, verdict)
+        console.write_summary(out, record)
         out.refused = not any(row["aligned"] for row in rows)
     lines = [reference.radius_note] if reference.radius_note else []
     lines += [line(row) for row in rows]
@@ -140,11 +141,11 @@ class Shown:
             ]
         return out
 
-    def _residuals(self, item: AlignedFile) -> Figure:
-        from windmark.app.align_pictures import residual_map
+    def _residuals(self, item: AlignedFile) -> str:
+        from windmark.app.align_pictures import residual_photo
 
         assert item.alignment is not None
-        return residual_map(self.reference.image, item.alignment, item.name)
+        return residual_photo(self.reference.image, item.alignment, item.name)
 
     def _ratio(self, item: AlignedFile) -> Figure | None:
         from windmark.app.align_pictures import ratio_picture
@@ -173,11 +174,12 @@ def _state(image: NDArray[Any], spots: Detections | None, reference: Reference) 
     return picture_state(grey, None if reference.named is not None else spots, reference.polarity)
 
 
-def _report(place: Path, record: Record, shown: Shown, verdict: Verdict) -> Report:
+def _report(out: io.ResultFolder, record: Record, shown: Shown, verdict: Verdict) -> Report:
     from windmark.app.align_report import align_report
 
     page = align_report(record, shown.pictures())
     put_verdict(page, verdict)
-    (place / "report.html").write_text(page.html(), encoding="utf-8")
+    page.provenance(Provenance(out.sources()))
+    (out.place / "report.html").write_text(page.html(), encoding="utf-8")
     record["not_drawn"] = page.failed
     return page

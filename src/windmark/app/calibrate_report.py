@@ -13,7 +13,7 @@ import windmark
 from windmark import io
 from windmark.app import calibrate_pictures as drawn
 from windmark.app import space_pictures as space
-from windmark.app.lens_pictures import correction_picture, distortion_picture, residual_map_picture, visible_factor
+from windmark.app.lens_pictures import correction_photos, distortion_picture, residual_map_picture, visible_factor
 from windmark.app.network_scene import network_scene
 from windmark.app.pictures import png
 from windmark.app.report import Report, measured, measured_rows
@@ -169,20 +169,20 @@ def _corrected(
     count = np.bincount(result.observations.view[result.used], minlength=len(views))
     best = max((n for n, v in enumerate(result.views) if v.camera == name), key=lambda n: count[n])
     image = read_image(paths[views[best]], match)[0]
+    undone = undistort(image, camera)
     if camera.lens != "brown":
-        report.picture(
-            png(correction_picture(image, camera, undistort(image, camera)), dpi=88),
-            f"{views[best]} as taken, and as a pinhole of the same focal length would have seen the middle of it. Blue "
-            "lines are straight in space.",
-        )
-        return
-    factor = visible_factor(camera)
-    corrected, magnified = undistort(image, camera), magnify_distortion(image, camera, factor)
-    report.picture(
-        png(correction_picture(image, camera, corrected, magnified, factor), dpi=88),
-        f"{views[best]} as taken, with the lens undone, and with its distortion magnified (AIAA 2005-5007, Fig. 9). "
-        "Blue lines are straight in space, yellow ones in the picture: with the lens undone they are the same.",
-    )
+        report.text(f"{views[best]} as taken, and as a pinhole of the same focal length would have seen the middle of "
+                    "it. Blue lines are straight in space.")  # fmt: skip
+        photos = correction_photos(image, camera, undone)
+    else:
+        factor = visible_factor(camera)
+        report.text(f"{views[best]} as taken, with the lens undone, and with its distortion magnified (AIAA 2005-5007, "
+                    "Fig. 9). Blue lines are straight in space, yellow ones in the picture: with the lens undone they "
+                    "are the same.")  # fmt: skip
+        photos = correction_photos(image, camera, undone, magnify_distortion(image, camera, factor), factor)
+    for photo in photos:
+        report.raw(photo)
+    report.side_by_side(len(photos))
 
 
 def _rig(report: Report, result: Calibration, unit: str) -> None:

@@ -151,7 +151,7 @@ def _write(
     page.provenance(Provenance(out.sources()))
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     content["not_drawn"] = page.failed
-    io.write_json(place / "summary.json", {**content, "seconds": clock.seconds})
+    console.write_summary(out, {**content, "seconds": clock.seconds})
     return content
 
 

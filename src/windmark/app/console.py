@@ -206,6 +206,15 @@ def result_folder(folder: Path, *, live: bool = False, resume: bool = False) -> 
         yield out
 
 
+def write_summary(out: ResultFolder, record: Mapping[str, Any], *folders: Path) -> None:
+    """``summary.json`` of a result, without private paths: those below ``folders``, the test's, are told from there."""
+    from windmark import io
+    from windmark.pipeline.private_paths import without_folders
+
+    record = {key: value for key, value in record.items() if key != "folder"}
+    io.write_json(out.place / "summary.json", without_folders(record, *folders, out.target))
+
+
 def about(folder: Path) -> dict[str, Any]:
     """The verb and its options, without those that do not change the result: where it goes, how it is printed,
     whether it goes on with a run that was stopped.

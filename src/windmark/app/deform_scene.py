@@ -7,8 +7,8 @@ from collections.abc import Sequence as Several
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.app.run_scene import marker_notes
-from windmark.app.scene3d import STATION_COLOURS, Frames, Markers, Scene3D, Station
+from windmark.app.scene3d import STATION_COLOURS, Frames, Scene3D, Station
+from windmark.app.standing_scene import own_markers, shown_markers, spread
 from windmark.deformation import Deformation
 from windmark.deformation.result import vertex_volumes
 from windmark.pipeline.deform import FrameRecord, Loaded, Sequence
@@ -16,9 +16,6 @@ from windmark.pipeline.deform.record import Zero
 
 Array = NDArray[np.float64]
 
-MOST = 3_000_000
-"""Nodes times frames: of a large grid fewer frames are shown."""
-FEWEST = 8
 CHUNK = 20_000
 """Nodes whose covariances are worked out at a time."""
 
@@ -33,7 +30,8 @@ def deform_scene(loaded: Loaded, sequence: Sequence, magnify: float) -> Scene3D 
                          for _, state in kept), strict=True)  # fmt: skip
     unit = loaded.project.length_unit
     markers = loaded.test.markers
-    markers = markers.take(np.flatnonzero(markers.role != "wall"))
+    shown = shown_markers(markers, markers.xyz, unit)
+    markers = markers.take(own_markers(markers))
     every = np.arange(len(markers))
     carried = [_moved(markers.xyz, every, markers.volume, state, sequence.zero)[0] for _, state in kept]
     frames = Frames(tuple(_label(row) for row, _ in kept), np.stack(moved), np.stack(sigma), magnify,
@@ -47,14 +45,12 @@ def deform_scene(loaded: Loaded, sequence: Sequence, magnify: float) -> Scene3D 
     up = -poses[0].rotation[1]
     ahead = np.mean([p.rotation[2] for p in poses], axis=0)
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-12) + 0.9 * up
-    shown = Markers(tuple(str(n) for n in markers.name), markers.xyz, None, marker_notes(markers, unit))
     focus = mesh.vertices[mesh.used]
     return Scene3D(unit, ahead, up, mesh, (), stations, shown, frames=frames, focus=focus)
 
 
 def _some(film: Several[tuple[FrameRecord, Deformation]], nodes: int) -> list[tuple[FrameRecord, Deformation]]:
-    count = min(len(film), max(FEWEST, MOST // max(nodes, 1)))
-    return [film[k] for k in np.unique(np.linspace(0, len(film) - 1, count).round().astype(int))]
+    return [film[k] for k in spread(len(film), nodes, len(film))]
 
 
 def _label(row: FrameRecord) -> str:

@@ -143,7 +143,7 @@ def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: flo
     page.provenance(Provenance.of_project(loaded.project, out.sources()))
     (folder / "report.html").write_text(page.html(), encoding="utf-8")
     record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": job_time() - start}
-    io.write_json(folder / "summary.json", record)
+    console.write_summary(out, record, loaded.project.path.resolve().parent)
     return record
 
 

@@ -8,17 +8,22 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 import windmark
 from windmark import io
 from windmark.app.infrared_pictures import flags_map, histories_picture, medians_picture
+from windmark.app.infrared_scene import infrared_scene
+from windmark.app.marked_photo import standing_photo
 from windmark.app.psp_pictures import cp_map
 from windmark.app.report import Report, measured
 from windmark.errors import g3
+from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared import FAILED, FrameRecord, InfraredResult, InfraredRun, reduced
 from windmark.pipeline.infrared.outputs import FRAMES
 from windmark.pipeline.infrared.run import MEAN
 from windmark.pipeline.points import PointSet
+from windmark.scene import Mesh
 
 MAPS = 3
 """Frames whose fields are drawn."""
@@ -47,13 +52,18 @@ def infrared_page(run: InfraredRun, result: InfraredResult, folder: Path) -> Rep
         start = None if heat is None else heat.start_s
         report.drawing("picture of the medians", lambda: medians_picture(done, start), "Medians over the nodes")
         report.heading("On the surface")
-        drawn = [r for r in done if (folder / FRAMES / f"{r.key}.nc").exists()]
-        drawn = [r for r in drawn if np.isfinite(r.median_q)] or drawn
+        written = [r for r in done if (folder / FRAMES / f"{r.key}.nc").exists()]
+        drawn = [r for r in written if np.isfinite(r.median_q)] or written
         if result.steady is not None:
             _maps(report, run, folder, MEAN, "mean of the frames")
         pick = np.unique(np.linspace(0, len(drawn) - 1, min(MAPS, len(drawn))).astype(int))
         for r in [drawn[k] for k in pick]:
             _maps(report, run, folder, r.key, f"frame {r.key}, {g3(r.time_s)} s")
+        _pictures(report, run, [r for r in done if r.followed.standing is not None])
+        report.heading("In 3D")
+        report.scene("3D view", lambda: infrared_scene(run, written, lambda key: _fields(folder, key)),
+                     "Heat flux and temperature of the frames, all on one scale, where the model was in the tunnel; "
+                     "grey: no value. Under the cursor: values with their sigma, names, residuals.")  # fmt: skip
         for of in run.points:
             report.heading(f"Histories at {of.name}")
             draw = partial(histories_of, result, of)
@@ -89,6 +99,21 @@ def _frames(report: Report, result: InfraredResult) -> None:
         report.text(remark, "bad")
 
 
+def _pictures(report: Report, run: InfraredRun, records: list[FrameRecord]) -> None:
+    """What each camera saw of the worst frame."""
+    if not records:
+        return
+    r = max(records, key=lambda r: r.rms_px)
+    images = run.timeline.frames[r.index].images
+    report.heading("What the cameras saw")
+    for name in r.cameras:
+        with report.part(f"picture of {name}"):
+            image = read(images[name], run.deforming.test.station(name))
+            assert r.followed.standing is not None
+            report.raw(standing_photo(image, r.followed.standing, name, run.deforming.test.markers,
+                                      f"{name}, frame {r.key}, the one with the largest residuals."))  # fmt: skip
+
+
 def _percent(part: float) -> str | None:
     return f"{100 * part:.1f}" if np.isfinite(part) else None
 
@@ -101,20 +126,26 @@ def _maps(report: Report, run: InfraredRun, folder: Path, key: str, title: str) 
     with report.part(f"pictures of {title}"):
         from windmark.app.pictures import png
 
-        mesh, fields = io.read_nodes_netcdf(folder / FRAMES / f"{key}.nc")[:2]
+        mesh, fields = _fields(folder, key)
         pose = run.deforming.test.stations[0].cam_from_tunnel
         view = {"direction": pose.rotation[2], "up": -pose.rotation[1]}
         count = 0
         for name, label in DRAWN:
-            values = np.asarray(fields[name], dtype=float) if name in fields else np.zeros(0)
+            values = fields.get(name, np.zeros(0))
             if np.isfinite(values).any():
                 report.picture(png(cp_map(mesh, values, f"{title}: {label}", label, **view), 70), f"{title}: {label}")
                 count += 1
-        if "heat_flux" in fields and np.isfinite(flux := np.asarray(fields["heat_flux"], dtype=float)).any():
-            flags = np.asarray(fields["flags"], dtype=float).astype(int)
+        if "heat_flux" in fields and np.isfinite(flux := fields["heat_flux"]).any():
+            flags = fields["flags"].astype(int)
             report.picture(png(flags_map(mesh, flags, flux, f"{title}: flags", **view), 70), f"{title}: flags")
             count += 1
         report.side_by_side(count)
+
+
+def _fields(folder: Path, key: str) -> tuple[Mesh, dict[str, NDArray[np.float64]]]:
+    """Grid and fields of a frame as they were written."""
+    mesh, fields = io.read_nodes_netcdf(folder / FRAMES / f"{key}.nc")[:2]
+    return mesh, {name: np.asarray(values, dtype=float) for name, values in fields.items()}
 
 
 def noise_kelvin(run: InfraredRun, camera: str) -> float:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.infrared_report import infrared_page, noise_kelvin
@@ -59,7 +58,7 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         page.provenance(Provenance.of_project(run.project, out.sources()))
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
         record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": job_time() - start}
-        io.write_json(out.place / "summary.json", record)
+        console.write_summary(out, record, path.resolve().parent)
         out.refused = not reduced(result.records)
     record["folder"] = folder
     good = bool(reduced(result.records))

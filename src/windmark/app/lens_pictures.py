@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from windmark.app.photo import Overlay, preview
 from windmark.app.pictures import WIDTH_IN, stretched
 from windmark.calibration import CorrectedImage, corrected_camera
 from windmark.errors import g3
@@ -89,6 +90,26 @@ def correction_picture(
         _sensor_axes(axes, one.camera.size_px)
         axes.label_outer()
     return figure
+
+
+def correction_photos(
+    image: NDArray[np.generic], camera: Camera, corrected: CorrectedImage, magnified: CorrectedImage | None = None,
+    factor: float = 1.0, room: int = 140_000,
+) -> list[str]:  # fmt: skip
+    """`correction_picture` as pictures that zoom to their pixels: one after the other, each of ``room`` bytes."""
+    everywhere = np.ones(image.shape[:2], dtype=bool)
+    shown = [(CorrectedImage(image, camera, everywhere), "As taken"), (corrected, "The lens undone")]
+    if magnified is not None:
+        shown.append((magnified, f"Its distortion × {factor:g}"))
+    out, lines = [], _straight_rays(camera)
+    for one, words in shown:
+        over = Overlay((one.image.shape[1], one.image.shape[0]))
+        seen = [one.camera.project(rays) for rays in lines]
+        over.lines("straight", [xy[good] for xy, good in seen], "straight in space", "#00e5ff")
+        over.lines("chords", [xy[[0, -1]] for xy, good in seen if good.all()], "straight in the picture", "#ffea00")
+        grey = one.image if one.image.ndim == 2 else one.image.mean(axis=2)
+        out.append(over.html(preview(np.where(one.valid, grey, np.nan), room)[0], f"{words}."))
+    return out
 
 
 def visible_factor(camera: Camera) -> float:

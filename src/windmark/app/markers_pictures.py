@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 import windmark
+from windmark.app.check_scene import check_scene
 from windmark.app.report import Report
 from windmark.app.sphere_maps import Disc, discs, draw_map
 from windmark.app.wording import named, setting
@@ -277,6 +278,10 @@ def check_page(check: MarkerCheck, name: str, place: Path) -> Report:
         "pose": "Expected uncertainty of the pose by direction",
         "layout": "The layout, what it is confused with, and what to change",
     }
+    report.heading("In 3D")
+    report.scene("3D view", lambda: check_scene(check), "The layout; markers in colour are those that something is "
+                 "said of. Under the cursor: name, place, sigma, findings.")  # fmt: skip
+    report.heading("Pictures")
     for key, draw in drawings(check).items():
         drawn = report.drawing(f"picture {key}.png", partial(draw, check), captions[key], dpi=DPI)
         if drawn is not None:

@@ -9,6 +9,7 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.errors import UsageError
@@ -62,8 +63,8 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
                           "grid_file": files.grid, "seconds": job_time() - start,
                           "folder": files.output}  # fmt: skip
         verdict = layout_verdict(done)
-        record |= {"verdict": verdict.record(), "not_drawn": write_check(done, verdict, out.place, files.markers.name)}
-        io.write_json(out.place / "summary.json", record)
+        record |= {"verdict": verdict.record(), "not_drawn": write_check(done, verdict, out, files.markers.name)}
+        console.write_summary(out, record, files.markers.resolve().parent)
     head, *lines = done.lines()
     page = files.output / "check.html"
     console.answer(
@@ -75,15 +76,17 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
         console.refuse(f"{files.markers}: {done.reason()}", False)
 
 
-def write_check(done: MarkerCheck, verdict: Verdict, place: Path, name: str) -> list[str]:
+def write_check(done: MarkerCheck, verdict: Verdict, out: io.ResultFolder, name: str) -> list[str]:
     """Table of directions, the changed layout, pictures and page; what could not be drawn."""
     from windmark.app.markers_pictures import check_page
 
+    place = out.place
     io.write_table(place / "directions.csv", done.columns())
     if done.proposals:
         io.write_markers(place / "markers-proposed.csv", done.proposals[0].stage.markers)
     page = check_page(done, name, place)
     put_verdict(page, verdict)
+    page.provenance(Provenance.of_verb(out))
     (place / "check.html").write_text(page.html(), encoding="utf-8")
     return page.failed
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path, PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from windmark.pipeline.private_paths import bare, path_told
+
+if TYPE_CHECKING:
+    from windmark.io import ResultFolder
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,12 @@ class Provenance:
         """Of a job from a project file, whose settings have its ``path``."""
         settings = project.model_dump(exclude={"path"}, by_alias=True)
         return Provenance(sources, options_of(settings, Path(project.path).resolve().parent))
+
+    @staticmethod
+    def of_verb(out: ResultFolder) -> Provenance:
+        """Of a job from the command line, whose options its manifest will have."""
+        options = out.about.get("options", {})
+        return Provenance(out.sources(), [(f"--{key.replace('_', '-')}", _given(v)) for key, v in options.items()])
 
     def html(self) -> str:
         """Three tables; the long ones are closed at first."""
@@ -56,28 +65,6 @@ def _closed(title: str, head: str, rows: str) -> str:
             f"<tbody>{rows}</tbody></table></details>")  # fmt: skip
 
 
-def bare(path: str | PurePath) -> str:
-    """A path without what leads out of the test: steps upwards and the folders behind them, roots, drives."""
-    parts = PurePath(path).parts
-    if PurePath(path).is_absolute() or ".." in parts:
-        return PurePath(path).name
-    return PurePath(path).as_posix()
-
-
-_ABSOLUTE = re.compile(r"(?<![\w./~-])(?:[A-Za-z]:[\\/]|/)(?:[^\s/\\:;,\"'“”<>|]+[/\\])+(?=[^\s/\\])")
-"""The folders of an absolute path, of either kind of system, that stands in a sentence."""
-
-
-def told(text: str, *folders: Path) -> str:
-    """A sentence without private paths: what is below one of ``folders`` (and below the working and the home folder)
-    is told from there, of other absolute paths only the name is left.
-    """
-    for folder in (*folders, Path.cwd(), Path.home()):
-        if len(folder.parts) > 1:
-            text = text.replace(f"{folder}{os.sep}", "")
-    return _ABSOLUTE.sub("", text)
-
-
 def options_of(value: Any, folder: Path, key: str = "") -> list[tuple[str, str]]:
     """Nested options as rows: ``camera[0].file`` and so on; what is not set is left out.
 
@@ -94,10 +81,16 @@ def options_of(value: Any, folder: Path, key: str = "") -> list[tuple[str, str]]
     return [] if value is None or not text else [(key, text)]
 
 
+def _given(value: Any) -> str:
+    """An option of the command line; of paths that lead out of the result only the name."""
+    if isinstance(value, list):
+        return ", ".join(map(_given, value))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return bare(value) if isinstance(value, str) and "/" in value else str(value)
+
+
 def _text(value: Any, folder: Path) -> str:
     if not isinstance(value, PurePath):
         return str(value)
-    try:
-        return value.relative_to(folder).as_posix()
-    except ValueError:
-        return bare(value)
+    return path_told(value, folder)

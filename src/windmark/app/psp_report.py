@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 import windmark
 from windmark import io
+from windmark.app.marked_photo import standing_photo
 from windmark.app.psp_pictures import cp_map, loads_picture, section_picture, taps_picture
 from windmark.app.psp_scene import psp_scene
 from windmark.app.report import Report, measured
+from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.psp import REDUCED, PointRecord, PspTest, grouped, reduced
 from windmark.pipeline.psp.outputs import FIELDS
+from windmark.pipeline.psp.sensors import pictures_named
 
 MAPS = 4
 """Points whose fields are drawn."""
@@ -46,8 +49,9 @@ def psp_page(test: PspTest, records: list[PointRecord], folder: Path) -> Report:
             _loads(report, loaded)
         report.heading("Cp on the surface")
         report.scene("3D view", lambda: psp_scene(test, done, lambda r: _fields(folder / r.name / FIELDS)),
-                     "Cp of each point, or its sigma, all on one scale, on the deformed grid of the first; grey: "
-                     "no camera sees it.")  # fmt: skip
+                     "Cp of each point, or its sigma, all on one scale, each on its deformed grid, with cameras, "
+                     "markers and residuals of its first picture with wind; grey: no camera sees it.")  # fmt: skip
+        _pictures(report, test, done)
         for r in [done[k] for k in np.unique(np.linspace(0, len(done) - 1, min(MAPS, len(done))).astype(int))]:
             _maps(report, test, r, folder)
         if test.project.section:
@@ -100,6 +104,22 @@ def _loads(report: Report, records: list[PointRecord]) -> None:
     columns = ["point", "incidence °", "volume", "area shown", *names, "sigma of CL by"]
     report.table(columns, rows, scroll=len(rows) > 15)
     report.text("Loads are those of the part of each volume's area that cameras show, against p_inf.", "soft")
+
+
+def _pictures(report: Report, test: PspTest, done: list[PointRecord]) -> None:
+    """What each camera saw first of the point with the largest residuals."""
+    r = max(done, key=lambda r: r.rms_px)
+    standing = r.followed[0].standing if r.followed else None
+    row = next((row for row in test.rows if row.name == r.name), None)
+    if standing is None or row is None:
+        return
+    report.heading("What the cameras saw", 3)
+    for station in test.deforming.test.stations:
+        with report.part(f"picture of {station.name}"):
+            files = pictures_named(test.project, row.on, station.name)
+            if files:
+                report.raw(standing_photo(read(files[0], station), standing, station.name, test.deforming.test.markers,
+                                          f"{station.name}, {files[0].name}, point {r.name}."))  # fmt: skip
 
 
 def _maps(report: Report, test: PspTest, r: PointRecord, folder: Path) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.project_place import project_in
@@ -60,7 +59,7 @@ def psp(
         page.provenance(Provenance.of_project(test.project, out.sources()))
         (out.place / "report.html").write_text(page.html(), encoding="utf-8")
         record |= {"verdict": verdict.record(), "not_drawn": page.failed, "seconds": job_time() - start}
-        io.write_json(out.place / "summary.json", record)
+        console.write_summary(out, record, path.resolve().parent)
         out.refused = not reduced(records)
     record["folder"] = folder
     good = bool(reduced(records))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.app.report import earned_decimals
+from windmark.app.residual_shifts import SeenBy, residual_shifts
 from windmark.app.scene3d import STATION_COLOURS, Cut, Field, Markers, Scene3D, Shifts, Station, looking_over
-from windmark.app.scene_document import larger
 from windmark.errors import g2
 from windmark.pipeline.node_sigma import node_sigma
 from windmark.pipeline.outputs import projected_xy
@@ -37,7 +37,7 @@ def run_scene(result: RunResult, order: Sequence[ImageResult]) -> Scene3D | None
     values: list[NDArray[np.floating]] = [f.values for f in merged]
     for item in located:
         if mesh is not None and item.values is not None:
-            fields.append(partial(_field, item, result, mesh))
+            fields.append(partial(_field, item, result, mesh, coarse=item is not located[0]))
             values.append(item.values)
     focus = _focus(mesh, values, result.markers)
     first = located[0].cam_from_model
@@ -52,7 +52,7 @@ def run_scene(result: RunResult, order: Sequence[ImageResult]) -> Scene3D | None
         unit, ahead, up, mesh, fields,
         [Station(i.name, i.camera, i.cam_from_model, colour[i.name], _station_notes(i))
          for i in located if i.cam_from_model is not None],
-        None if result.markers is None else _markers(result.markers, unit), _cuts(located), focus=focus,
+        None if result.markers is None else markers_shown(result.markers, unit), _cuts(located), focus=focus,
     )  # fmt: skip
 
 
@@ -69,11 +69,13 @@ def _focus(mesh: Mesh | None, fields: Sequence[NDArray[np.floating]], markers: M
     return np.concatenate(points)
 
 
-def _field(item: ImageResult, result: RunResult, mesh: Mesh) -> Field:
+def _field(item: ImageResult, result: RunResult, mesh: Mesh, *, coarse: bool) -> Field:
+    """Values of an image; ``coarse`` for all but the first, so that each costs little."""
     assert item.values is not None
     sigma = node_sigma(item, mesh, result.project.resect.interpolation)
     values = item.values.astype(float)
-    return Field(item.name, item.name, item.quantity.label, values, sigma, shifts=shifts(item, result))
+    return Field(item.name, item.name, item.quantity.label, values, sigma, shifts=shifts(item, result),
+                 coarse=coarse)  # fmt: skip
 
 
 def shifts(item: ImageResult, result: RunResult) -> Shifts | None:
@@ -81,27 +83,13 @@ def shifts(item: ImageResult, result: RunResult) -> Shifts | None:
     answer, markers = item.registered, result.markers
     if answer is None or markers is None or item.detections is None or not len(answer.matching):
         return None
-    found = answer.matching.marker
-    residual = item.detections.xy[answer.matching.detection] - projected_xy(answer, markers)
-    pose, camera = answer.cam_from_model, answer.camera
-    depth = pose.apply(markers.xyz[found])[:, 2]
-    in_camera = np.column_stack([residual[:, 0] / camera.focal_px, residual[:, 1] / (camera.focal_px * camera.aspect),
-                                 np.zeros(len(found))]) * depth[:, None]  # fmt: skip
-    vectors = np.full((len(markers), 3), np.nan)
-    vectors[found] = in_camera @ pose.rotation
-    notes = [""] * len(markers)
-    for k, (dx, dy) in zip(found.tolist(), residual.tolist(), strict=True):
-        notes[k] = f"{item.name}: found − expected {dx:+.2f}, {dy:+.2f} px".replace("-", "−")
-    size = float(np.linalg.norm(np.ptp(markers.xyz, axis=0)))
-    factor = larger(vectors, size)
-    unit = result.project.length_unit
-    rms = float(np.sqrt(np.mean(np.sum(vectors[found] ** 2, axis=1))))
-    words = (f"Residuals of {item.name}: where each marker seems to be, seen across the picture, drawn × {factor:g}; "
-             f"RMS {g2(rms)} {unit}.")  # fmt: skip
-    return Shifts(vectors, factor, words, tuple(notes))
+    seen = SeenBy(item.name, answer.camera, answer.cam_from_model, answer.matching.marker,
+                  projected_xy(answer, markers) - item.detections.xy[answer.matching.detection])  # fmt: skip
+    return residual_shifts(item.name, [seen], markers.xyz, result.project.length_unit)
 
 
-def _markers(markers: MarkerSet, unit: str) -> Markers:
+def markers_shown(markers: MarkerSet, unit: str) -> Markers:
+    """A table of markers, with the ellipsoids of its sigmas."""
     sigma = np.asarray(markers.sigma, dtype=float)
     cov = None
     if np.isfinite(sigma).all() and sigma.any():

@@ -51,6 +51,8 @@ class Field:
     diverging : colours that diverge from zero
     limits : of the colours; by default all values but the outermost
     shifts : of the markers, beside this field
+    frame : of a sequence, which this is of; with the slider go the fields of one label
+    coarse : packed as `packing.COARSE` is, as all are where there are many
     """
 
     key: str
@@ -61,6 +63,8 @@ class Field:
     diverging: bool = False
     limits: tuple[float, float] | None = None
     shifts: Shifts | None = None
+    frame: int | None = None
+    coarse: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +91,19 @@ class Markers:
     names, xyz : (N,), (N, 3)
     cov : (N, 3, 3) for the ellipsoids; None for none
     notes : lines per marker for its pop-up
+    groups : colour, words and numbers of the markers that are drawn in another colour than the others
     """
 
     names: tuple[str, ...]
     xyz: Array
     cov: Array | None = None
     notes: tuple[tuple[str, ...], ...] = ()
+    groups: tuple[tuple[str, str, tuple[int, ...]], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """A line on the surface: points (N, 3), and of which piece each is (N,)."""
+    """A line: points (N, 3), and of which piece each is (N,)."""
 
     name: str
     xyz: Array
@@ -106,16 +112,19 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Shapes of the surface at several times.
+    """Several times: shapes of the surface, places of markers and cameras.
 
     Parameters
     ----------
     labels : what the slider says of each
-    moved : (F, V, 3) displacement of the nodes
+    moved : (F, V, 3) displacement of the nodes; V is 0 without a surface
     sigma : (F, V) of its length; None without
     magnify : by which it is drawn larger at first
-    label : of the colour bar of its length
+    label : of the colour bar of its length; "" where it is no field
     markers : (F, N, 3) displacement of the scene's markers; None: they stand still
+    stations : the cameras of each time, beside the scene's, which stand still
+    shifts : of the markers at each time; those of fields that have a ``frame`` stand there
+    first : the time that is shown first; None: of the largest displacement
     """
 
     labels: tuple[str, ...]
@@ -124,6 +133,9 @@ class Frames:
     magnify: float
     label: str
     markers: NDArray[np.float32] | None = None
+    stations: tuple[tuple[Station, ...], ...] = ()
+    shifts: tuple[Shifts | None, ...] = ()
+    first: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +149,7 @@ class Scene3D:
     focus : (N, 3) points that must be in view; the surface and the markers by default
     fields : what the surface can be coloured by; one may be made when it is packed, several at a time
     chosen : the field that is shown first
+    cuts_are : what the cuts are called
     """
 
     unit: str
@@ -150,6 +163,7 @@ class Scene3D:
     frames: Frames | None = None
     focus: Array = field(default_factory=lambda: np.zeros((0, 3)))
     chosen: int = 0
+    cuts_are: str = "sections"
 
 
 def looking_over(pose: Pose, focus: Array) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
+from windmark.app.feature_edges import feature_edges
 from windmark.app.packing import COARSE, FINE, Fineness, Packed, coordinates
 from windmark.app.scene3d import Cut, Field, Frames, Markers, Scene3D, Shifts, Station
 from windmark.app.space_pictures import RADIUS, magnification
@@ -29,9 +30,6 @@ FEW_FIELDS = 12
 """Fields that are packed finely; of more each is told more coarsely, see `packing.COARSE`."""
 OUTER = 0.5
 """Per cent of the values at either end that the colours do not reach."""
-SHARP_DEG = 35.0
-"""Edges of the grid are drawn where its surface bends by more."""
-MOST_EDGES = 60_000
 LOST = 1e-3
 """A sequence is described so well that no node is off by more than this part of the largest displacement."""
 CUT_COLOURS = ("#d81b60", "#00838f", "#f9a825", "#5e35b1")
@@ -41,11 +39,12 @@ def documents(scene: Scene3D, ident: str) -> dict[str, str]:
     """Packed data by the id of its part of the page: the scene itself, and every field that is not shown first."""
     packed, out = Packed(), {}
     fields = []
-    fineness = FINE if len(scene.fields) <= FEW_FIELDS else COARSE
+    many = len(scene.fields) > FEW_FIELDS
 
     def made(k: int) -> tuple[Document, str]:
         entry = scene.fields[k]
         entry = entry if isinstance(entry, Field) else entry()
+        fineness = COARSE if many or entry.coarse else FINE
         if k == scene.chosen:
             return {**_about(entry), **_content(packed, entry, fineness)}, ""
         own = Packed()
@@ -56,7 +55,8 @@ def documents(scene: Scene3D, ident: str) -> dict[str, str]:
             fields.append(about)
             if text:
                 out[about["blob"]] = text
-    if scene.frames is not None:
+    moving = scene.frames is not None and bool(scene.frames.label)
+    if scene.frames is not None and moving:
         fields.append(_moving_field(scene.frames))
     focus = _focus(scene)
     box = np.stack([focus.min(axis=0), focus.max(axis=0)])
@@ -67,38 +67,11 @@ def documents(scene: Scene3D, ident: str) -> dict[str, str]:
         "surface": None if scene.mesh is None else _surface(packed, scene.mesh),
         "markers": None if scene.markers is None else _markers(scene.markers, box, scene.unit),
         "lines": [_cut(cut, CUT_COLOURS[k % len(CUT_COLOURS)]) for k, cut in enumerate(scene.cuts)],
-        "sequence": None if scene.frames is None else _sequence(packed, scene.frames, scene.markers, len(fields) - 1),
+        "linesAre": scene.cuts_are,
+        "sequence": None if scene.frames is None else _sequence(packed, scene, scene.frames, box.mean(axis=0),
+                                                                len(fields) - 1 if moving else None),
     }  # fmt: skip
     return {ident: packed.text(document), **out}
-
-
-def feature_edges(mesh: Mesh) -> NDArray[np.int64]:
-    """(E, 2) nodes of the edges that show the surface's shape: borders, and where it bends by more than `SHARP_DEG`.
-
-    Where there are too many (a scanned, rough surface), the sharpest.
-    """
-    t = np.asarray(mesh.triangles, dtype=np.int64)
-    normal = mesh.triangle_normals()
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
-    ends = np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1)
-    owner = np.tile(np.arange(len(t)), 3)
-    proper = (ends[:, 0] != ends[:, 1]) & (length[owner, 0] > 0)
-    ends, owner = ends[proper], owner[proper]
-    key = ends[:, 0] * np.int64(len(mesh.vertices)) + ends[:, 1]
-    order = np.argsort(key, kind="stable")
-    key, ends, owner = key[order], ends[order], owner[order]
-    first = np.flatnonzero(np.append(True, np.diff(key) != 0)) if len(key) else np.zeros(0, dtype=int)
-    count = np.diff(np.append(first, len(key)))
-    bend = np.full(len(first), -1.0)  # a border, or three sheets that meet: always
-    pairs = np.flatnonzero(count == 2)
-    a, b = normal[owner[first[pairs]]], normal[owner[first[pairs] + 1]]
-    bend[pairs] = np.abs(np.einsum("nk,nk->n", a, b))
-    limit = float(np.cos(np.radians(SHARP_DEG)))
-    kept: NDArray[np.intp] = np.flatnonzero(np.less(bend, limit))
-    if len(kept) > MOST_EDGES:
-        kept = np.sort(kept[np.argsort(bend[kept], kind="stable")[:MOST_EDGES]])
-    return np.asarray(ends[first[kept]])
 
 
 def low_rank(rows: NDArray[np.floating], lost: float) -> tuple[Array, Array]:
@@ -132,6 +105,8 @@ def _reach(scene: Scene3D, box: Array, stations: Sequence[Document]) -> float:
     """How far from the middle anything is drawn."""
     middle = box.mean(axis=0)
     points = [box, *(np.array([s["center"], *s["corners"]]) for s in stations)]
+    if scene.frames is not None:
+        points += [np.array([s.cam_from_model.center for s in of]) for of in scene.frames.stations if of]
     if scene.mesh is not None:
         points.append(np.stack(scene.mesh.box))
     far = np.linalg.norm(np.concatenate(points) - middle, axis=1)
@@ -166,7 +141,7 @@ def _about(entry: Field) -> Document:
         "colours": _stops(DIVERGING if entry.diverging else COLOURS), "sigmaColours": _stops(SIGMA_COLOURS),
         "limits": _limits(entry.values, entry.diverging) if entry.limits is None else list(entry.limits),
         "sigmaLimits": None if entry.sigma is None else _limits(entry.sigma, False),
-        "shifted": entry.shifts is not None,
+        "shifted": entry.shifts is not None, "frame": entry.frame,
     }  # fmt: skip
     return out
 
@@ -196,10 +171,10 @@ def _moving_field(frames: Frames) -> Document:
     }  # fmt: skip
 
 
-def _sequence(packed: Packed, frames: Frames, markers: Markers | None, number: int) -> Document:
+def _sequence(packed: Packed, scene: Scene3D, frames: Frames, middle: Array, number: int | None) -> Document:
     """Displacements as few modes; those of the markers stand behind those of the nodes."""
     count, nodes = frames.moved.shape[:2]
-    moved = frames.moved
+    moved, markers = frames.moved, scene.markers
     if frames.markers is not None and markers is not None:
         moved = np.concatenate([moved, frames.markers[:, np.isfinite(markers.xyz).all(axis=1)]], axis=1)
     rows = np.nan_to_num(moved.reshape(count, -1))
@@ -209,10 +184,13 @@ def _sequence(packed: Packed, frames: Frames, markers: Markers | None, number: i
         rows = np.nan_to_num(frames.sigma)
         shares, sigma_modes = low_rank(rows, 0.01 * float(rows.max(initial=0.0)))
     return {
-        "labels": list(frames.labels), "first": _largest(frames), "magnify": frames.magnify, "field": number,
+        "labels": list(frames.labels), "first": _largest(frames) if frames.first is None else frames.first,
+        "magnify": frames.magnify, "field": number,
         "weights": _list(weights), "sigmaWeights": _list(shares),
         "modes": [[packed.rounded(column, 1 / 8192) for column in mode.reshape(-1, 3).T] for mode in modes],
         "sigmaModes": [packed.rounded(mode, 1 / 512) for mode in sigma_modes],
+        "cameras": [[_station(s, middle, scene.unit) for s in of] for of in frames.stations],
+        "shifts": [None if s is None else _shifts(s) for s in frames.shifts],
     }  # fmt: skip
 
 
@@ -249,6 +227,8 @@ def _markers(markers: Markers, box: Array, unit: str) -> Document:
         "names": [markers.names[k] for k in index], "xyz": _list(markers.xyz[index]),
         "notes": [list(markers.notes[k]) if markers.notes else [] for k in index],
         "index": index.tolist(), "axes": None, "factor": 1.0, "axesWords": "",
+        "groups": [{"colour": colour, "words": words, "of": np.flatnonzero(np.isin(index, of)).tolist()}
+                   for colour, words, of in markers.groups],
     }  # fmt: skip
     if markers.cov is not None and len(index) and np.nan_to_num(markers.cov[index]).any():
         cov = np.nan_to_num(markers.cov[index])

@@ -8,6 +8,7 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import judged
 from windmark.compiling import job_time
 from windmark.pipeline.study import Study, StudySettings, run_study
@@ -22,11 +23,11 @@ def study(settings: StudySettings, output: Path, as_json: bool) -> None:
     with console.progress() as show, console.result_folder(output) as out:
         done = run_study(settings, show)
         show("draw")
-        failed = write_study(done, out.place)
+        failed = write_study(done, out)
         record = {**done.record(), "seconds": job_time() - start, "folder": output, "not_drawn": failed}
         verdict = study_verdict(record["summary"])
         said = judged(record, verdict)
-        io.write_json(out.place / "summary.json", record)
+        console.write_summary(out, record)
     lines = [*map(_line, record["summary"]), *said, *not_drawn(failed), f"report: {output / 'study.html'}"]
     console.answer(record, as_json, lines)
     if (done.missed == done.markers).all():
@@ -34,12 +35,14 @@ def study(settings: StudySettings, output: Path, as_json: bool) -> None:
                        next_step=verdict.next_step)  # fmt: skip
 
 
-def write_study(done: Study, place: Path) -> list[str]:
+def write_study(done: Study, out: io.ResultFolder) -> list[str]:
     """Table, pictures and page of a study; what could not be drawn."""
     from windmark.app.study_pictures import study_page
 
+    place = out.place
     io.write_table(place / "study.csv", done.columns())
     page = study_page(done, place)
+    page.provenance(Provenance.of_verb(out))
     (place / "study.html").write_text(page.html(), encoding="utf-8")
     return page.failed
 

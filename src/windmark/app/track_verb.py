@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -14,6 +14,7 @@ import windmark
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.provenance import Provenance
 from windmark.app.report import Report, measured
 from windmark.app.series_folder import series_folder
 from windmark.app.verdict_words import put_verdict, verdict_lines
@@ -92,7 +93,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
         }  # fmt: skip
         verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None)
         record["verdict"] = verdict.record()
-        page = _write(out.place, series, markers, camera, unit, record)
+        page = _write(out, wishes, series, markers, camera, record, images)
         out.refused = last is None
     if last is None:
         console.refuse(verdict.reason, as_json, record, verdict.next_step)
@@ -133,22 +134,31 @@ def read_instants(path: Path, images: list[io.PictureFile]) -> list[float]:
     return [known.get(image.name, known.get(image.stem, np.nan)) for image in images]
 
 
-def _write(place: Path, series: Series, markers: MarkerSet, camera: Camera, unit: str, record: Record) -> Report:
+def _write(
+    out: io.ResultFolder, wishes: Wishes, series: Series, markers: MarkerSet, camera: Camera, record: Record,
+    images: Sequence[io.PictureFile],
+) -> Report:  # fmt: skip
     """Tables, picture, page and figures; what could not be drawn goes into the record, too."""
+    place, unit = out.place, wishes.unit
     io.write_table(place / "poses.csv", pose_columns(series.rows))
     io.write_table(place / "matches.csv", match_columns(series.rows, markers))
     if series.last is not None:  # a start for the images that come later
         io.write_camera(place / "camera.json", camera, series.last[0], unit=unit, pose_cov=series.last[1])
-    page = _page(series.rows, record, unit, place)
+    page = _page(series.rows, record, markers, camera, unit, place, images)
     put_verdict(page, Verdict.of_record(record["verdict"]))
+    page.provenance(Provenance.of_verb(out))
     (place / "report.html").write_text(page.html(), encoding="utf-8")
     record["not_drawn"] = page.failed
-    io.write_json(place / "summary.json", record)
+    console.write_summary(out, record, wishes.markers.resolve().parent)
     return page
 
 
-def _page(rows: list[PoseRow], record: Record, unit: str, place: Path) -> Report:
+def _page(
+    rows: list[PoseRow], record: Record, markers: MarkerSet, camera: Camera, unit: str, place: Path,
+    images: Sequence[io.PictureFile],
+) -> Report:  # fmt: skip
     from windmark.app.track_pictures import motion_picture
+    from windmark.app.track_scene import track_scene
 
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     report = Report("A model followed through images", f"windmark {windmark.__version__}, {when}, length unit: {unit}")
@@ -173,6 +183,10 @@ def _page(rows: list[PoseRow], record: Record, unit: str, place: Path) -> Report
     )  # fmt: skip
     if drawn is not None:
         (place / "motion.png").write_bytes(drawn)
+    report.heading("In 3D")
+    report.scene("3D view", lambda: track_scene(rows, markers, camera, unit), "The model's markers, and the camera in "
+                 "each image, in the model's frame. Under the cursor: names, places, residuals.")  # fmt: skip
+    _pictures(report, rows, markers, images)
     report.heading("Every image")
     columns = ["frame", "image", "status", "matched", "expected", "RMS px", *_headings(unit), "time ms", "reason"]
     report.table(columns, [_row(row) for row in rows], scroll=True)
@@ -184,6 +198,24 @@ def _page(rows: list[PoseRow], record: Record, unit: str, place: Path) -> Report
         ["motion.png, summary.json", "the picture above, the figures above"],
     ])  # fmt: skip
     return report
+
+
+def _pictures(report: Report, rows: list[PoseRow], markers: MarkerSet, images: Sequence[io.PictureFile]) -> None:
+    """The first image with a pose, and the one with the largest residuals."""
+    from windmark.app.marked_photo import SERIES, marked_photo
+
+    good = [k for k, row in enumerate(rows) if row.cam_from_model is not None]
+    if not good:
+        return
+    report.heading("Pictures")
+    shown = {max(good, key=lambda k: rows[k].rms_px): "the largest residuals", good[0]: "the first pose"}
+    for k, what in shown.items():
+        row = rows[k]
+        with report.part(f"picture of {row.name}"):
+            marker, columns = row.matches
+            names = [str(n) for n in markers.name[marker]]
+            report.raw(marked_photo(io.read_grey(images[k]), columns[:, :2], columns[:, 2:], names,
+                                    f"{row.name}: {what}.", SERIES))  # fmt: skip
 
 
 def _headings(unit: str) -> list[str]:

@@ -92,7 +92,7 @@ def carry_out_in(
     record = {**outputs.summary(result, clock), "verdict": verdict.record(), "not_drawn": page.failed}
     if comparison is not None:
         record["truth"] = comparison.record()
-    io.write_json(out.place / "summary.json", record)
+    console.write_summary(out, record, Path(project.path).resolve().parent)
     out.refused = _nothing(result)
     return result, record
 

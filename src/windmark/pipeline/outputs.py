@@ -163,7 +163,7 @@ def summary(result: RunResult, clock: Clock) -> Record:
         "left_out": result.left_out,
         "notes": [f"{path}: {text}" for path, text in result.notes],
         "seconds": {**result.seconds, **clock.seconds},
-        "options": result.project.model_dump(mode="json", exclude={"path"}, by_alias=True),
+        "options": result.project.model_dump(exclude={"path"}, by_alias=True),
     }
 
 

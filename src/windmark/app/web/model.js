@@ -54,31 +54,47 @@ WM.Model = class {
     return field;
   }
 
+  // All cameras of now: those that stand still, and those of the frame.
+  get cameras() {
+    const { sequence, head } = this;
+    return sequence && sequence.cameras.length ? [...head.cameras, ...sequence.cameras[this.frame]] : head.cameras;
+  }
+
+  // How far the node or marker `k` (these stand behind the nodes) is moved along an axis.
+  moved(k, a) {
+    const weights = this.sequence.weights[this.frame];
+    let moved = 0;
+    for (let m = 0; m < weights.length; m++) moved += weights[m] * this.sequence.modes[m][a][k];
+    return moved;
+  }
+
   // The surface of the frame of a sequence with its markers, and the length of its displacement and the sigma of that.
   place() {
     const { surface, sequence } = this;
-    const weights = sequence.weights[this.frame];
+    const nodes = surface ? surface.count : 0;
+    if (surface) this.placeSurface();
+    if (sequence.modes.length && sequence.modes[0][0].length > nodes) {
+      this.spots = this.head.markers.xyz.map((rest, j) => rest.map((at, a) => at + this.magnify * this.moved(nodes + j, a)));
+    }
+  }
+
+  placeSurface() {
+    const { surface, sequence } = this;
     const xyz = new Float32Array(surface.rest.length);
-    const field = this.fields[sequence.field];
-    field.values = new Float64Array(surface.count);
+    const sizes = new Float64Array(surface.count);
     for (let k = 0; k < surface.count; k++) {
       let square = 0;
       for (let a = 0; a < 3; a++) {
-        let moved = 0;
-        for (let m = 0; m < weights.length; m++) moved += weights[m] * sequence.modes[m][a][k];
+        const moved = this.moved(k, a);
         xyz[3 * k + a] = surface.rest[3 * k + a] + this.magnify * moved;
         square += moved * moved;
       }
-      field.values[k] = Math.sqrt(square);
+      sizes[k] = Math.sqrt(square);
     }
     surface.xyz = xyz;
-    if (sequence.modes.length && sequence.modes[0][0].length > surface.count) {
-      this.spots = this.head.markers.xyz.map((rest, j) => rest.map((at, a) => {
-        let moved = 0;
-        for (let m = 0; m < weights.length; m++) moved += weights[m] * sequence.modes[m][a][surface.count + j];
-        return at + this.magnify * moved;
-      }));
-    }
+    if (sequence.field === null) return;
+    const field = this.fields[sequence.field];
+    field.values = sizes;
     const shares = sequence.sigmaWeights[this.frame];
     field.sigmas = null;
     if (shares.length) {

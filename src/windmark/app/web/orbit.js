@@ -46,6 +46,20 @@ WM.Orbit = class {
     this.target = WM.add(camera.center, this.ahead, this.distance);
   }
 
+  // Goes with a camera from one pose to another, so that the camera seems to stand still and the model to move.
+  carry(before, after) {
+    const axes = ({ corners }) => {
+      const x = WM.unit(WM.add(corners[1], corners[0], -1));
+      const z = WM.unit(WM.cross(x, WM.add(corners[3], corners[0], -1)));
+      return [x, WM.cross(z, x), z];
+    };
+    const [from, to] = [axes(before), axes(after)];
+    const turned = (v) => from.reduce((sum, axis, k) => WM.add(sum, to[k], WM.dot(v, axis)), [0, 0, 0]);
+    this.target = WM.add(after.center, turned(WM.add(this.target, before.center, -1)));
+    this.look(turned(this.ahead), turned(this.up));
+    this.fit = false;
+  }
+
   get eye() {
     return WM.add(this.target, this.ahead, -this.distance);
   }

@@ -89,14 +89,19 @@ WM.panel = (scene) => {
   const add = (there, key, label, title) => there && shown.push(WM.check(label, show[key], (on) => scene.set(key, on), title));
   add(model.surface, 'surface', 'surface', 'the grid of the model');
   add(model.surface && model.surface.edges.length, 'edges', 'edges', 'borders and sharp edges of the grid');
-  add(head.sequence, 'ghost', 'undeformed edges', 'borders of the grid before it was deformed');
-  add(head.cameras.length, 'cameras', 'cameras', 'stations, and what each camera has in view');
+  add(scene.ghost, 'ghost', 'undeformed edges', 'borders of the grid before it was deformed');
+  add(model.cameras.length, 'cameras', 'cameras', 'stations, and what each camera has in view');
   add(head.markers, 'markers', 'markers', 'the markers where the table has them');
   add(head.markers, 'names', 'names', 'names of markers and cameras');
   add(head.markers && head.markers.axes, 'ellipsoids', 'error ellipsoids', head.markers && head.markers.axesWords);
-  add(model.fields.some((f) => f.shifted), 'residuals', 'residuals', 'where the markers seem to be in the chosen picture, less where they are');
-  add(head.lines.length, 'lines', 'sections', 'where values were taken along cuts');
+  const residuals = model.fields.some((f) => f.shifted) || (head.sequence && head.sequence.shifts.some(Boolean));
+  add(residuals, 'residuals', 'residuals', 'where the markers seem to be in the chosen picture, less where they are');
+  add(head.lines.length, 'lines', head.linesAre, head.lines.map((l) => l.name).join(', '));
   parts.push(group('Shown', ...shown));
+  if (head.markers && head.markers.groups.length) {
+    parts.push(group('Markers in colour', ...head.markers.groups.map((g) => WM.element('div', { class: 'wm-key' },
+      WM.element('i', { style: `background:${g.colour}` }), `${g.words} (${g.of.length})`))));
+  }
   if (head.markers) {
     scene.scales = WM.element('p', { class: 'wm-words' });
     parts.push(scene.scales);
@@ -115,8 +120,8 @@ WM.panel = (scene) => {
       go();
       scene.redraw();
     })),
-    head.cameras.length ? WM.choice('camera', ['…', ...head.cameras.map((c) => c.name)], 0, (k) => {
-      if (k > 0) scene.orbit.from(head.cameras[k - 1]);
+    model.cameras.length ? WM.choice('camera', ['…', ...model.cameras.map((c) => c.name)], 0, (k) => {
+      if (k > 0 && model.cameras[k - 1]) scene.orbit.from(model.cameras[k - 1]);
       scene.redraw();
     }) : '',
     WM.button('save picture', 'the drawing as a PNG file', () => scene.save()))));
@@ -130,11 +135,11 @@ WM.player = (scene) => {
   const first = scene.model.frame;
   const label = WM.element('output', { class: 'wm-words' }, sequence.labels[first]);
   const slider = WM.element('input', { type: 'range', min: 0, max: last, value: first, 'aria-label': 'frame' });
-  const go = (k) => {
+  scene.showFrame = (k) => {
     slider.value = k;
     label.textContent = sequence.labels[k];
-    scene.setFrame(k);
   };
+  const go = (k) => scene.setFrame(k);
   slider.addEventListener('input', () => go(Number(slider.value)));
   let clock = null;
   const play = WM.button('play', 'run through the frames', () => {
@@ -142,11 +147,15 @@ WM.player = (scene) => {
     clock = clock ? null : setInterval(() => go((Number(slider.value) + 1) % (last + 1)), 120);
     play.textContent = clock ? 'stop' : 'play';
   });
+  const moves = new Set(sequence.cameras.filter((of) => of.length).map((of) => String(of[0].center))).size > 1;
+  const still = moves ? [WM.check('the camera stands still', false, (on) => { scene.steady = on; },
+    'the view goes with the camera, so that the model moves as its pictures show it')] : [];
   const magnify = WM.element('input', { type: 'number', min: 0, step: 'any', value: scene.model.magnify,
     'aria-label': 'magnification of the deformation', onchange: (e) => {
       const times = Number(e.target.value);
       if (times >= 0 && Number.isFinite(times)) scene.setMagnify(times);
     } });
-  return [label, slider, WM.element('div', { class: 'wm-buttons' }, play,
-    WM.element('label', { class: 'wm-choice' }, WM.element('span', {}, 'deformation ×'), magnify))];
+  const what = sequence.field === null ? 'displacement ×' : 'deformation ×';
+  const factor = WM.element('label', { class: 'wm-choice' }, WM.element('span', {}, what), magnify);
+  return [label, slider, ...still, WM.element('div', { class: 'wm-buttons' }, play, sequence.modes.length ? factor : '')];
 };

@@ -31,6 +31,7 @@ WM.Scene = class {
   static async make(node) {
     const scene = new WM.Scene(node, new WM.Model(await WM.blob(node.dataset.blob)));
     if (scene.model.fields.length) await scene.choose(scene.chosen);
+    else scene.shift(scene.shiftsNow());
     scene.draw();
     return scene;
   }
@@ -40,19 +41,27 @@ WM.Scene = class {
     const { head, surface } = model;
     if (surface) {
       gpu.setSurface(surface);
-      if (head.sequence) this.ghost = gpu.points(Array.from(surface.edges).flatMap((k) => [...surface.rest.subarray(3 * k, 3 * k + 3)]));
+      if (head.sequence && head.sequence.field !== null) this.ghost = gpu.points(Array.from(surface.edges).flatMap((k) => [...surface.rest.subarray(3 * k, 3 * k + 3)]));
     }
-    this.frustums = head.cameras.map((c) => gpu.points(WM.frustumLines(c)));
-    this.stations = head.cameras.map((c) => c.center);
+    this.prepareCameras();
     this.linesGpu = head.lines.map((l) => ({ ...l, points: gpu.points(l.pairs) }));
     this.prepareMarkers();
+  }
+
+  prepareCameras() {
+    const { cameras } = this.model;
+    this.frustums = cameras.map((c) => this.gpu.points(WM.frustumLines(c)));
+    this.stations = cameras.map((c) => c.center);
   }
 
   prepareMarkers() {
     const { model, gpu } = this;
     const { markers } = model.head;
     if (!markers) return;
-    this.dots = gpu.points(model.spots.flat());
+    const grouped = new Set(markers.groups.flatMap((g) => g.of));
+    const dots = (which) => gpu.points(which.flatMap((k) => model.spots[k]));
+    this.dots = [{ colour: null, points: dots([...model.spots.keys()].filter((k) => !grouped.has(k))) },
+      ...markers.groups.map((g) => ({ colour: g.colour, points: dots(g.of) }))];
     if (markers.axes) {
       const { factor } = markers;
       this.balls = gpu.points(model.spots.flatMap((p, k) => [...p, ...markers.axes[k].map((v) => factor * v)]));
@@ -95,8 +104,17 @@ WM.Scene = class {
     const field = await this.model.field(k);
     if (k !== this.chosen) return;
     if (!field.sigmas) this.sigma = false;
-    this.shift(field.shifts);
+    const { model } = this;
+    if (Number.isInteger(field.frame) && model.sequence && field.frame !== model.frame) this.goTo(field.frame);
+    this.shift(this.shiftsNow());
     this.colour();
+  }
+
+  // Residuals of the frame, or of the chosen field.
+  shiftsNow() {
+    const { sequence, frame } = this.model;
+    const own = this.field && this.field.shifts;
+    return own || (sequence && sequence.shifts.length ? sequence.shifts[frame] : null);
   }
 
   setSigma(on) {
@@ -139,8 +157,23 @@ WM.Scene = class {
     this.redraw();
   }
 
+  // Another frame; a field of the frame before gives way to that of this one.
   setFrame(k) {
-    this.model.frame = k;
+    const { field } = this;
+    this.goTo(k);
+    if (!field || !Number.isInteger(field.frame)) return;
+    const same = this.model.fields.findIndex((f) => f.frame === k && f.label === field.label);
+    if (same >= 0) this.choose(same);
+  }
+
+  goTo(k) {
+    const { model } = this;
+    const [camera] = model.sequence.cameras.length ? model.sequence.cameras[model.frame] : [];
+    this.lastCamera = camera || this.lastCamera;
+    model.frame = k;
+    const [next] = model.sequence.cameras.length ? model.sequence.cameras[k] : [];
+    if (this.steady && next && this.lastCamera) this.orbit.carry(this.lastCamera, next);
+    if (this.showFrame) this.showFrame(k);
     this.moved();
   }
 
@@ -151,8 +184,10 @@ WM.Scene = class {
 
   moved() {
     this.model.place();
-    this.gpu.setSurface(this.model.surface);
+    if (this.model.surface) this.gpu.setSurface(this.model.surface);
+    this.prepareCameras();
     this.prepareMarkers();
+    this.shift(this.shiftsNow());
     if (this.chosen === this.model.sequence.field) this.colour();
     this.redraw();
   }
@@ -195,8 +230,12 @@ WM.Scene = class {
     if (surface && show.edges) gpu.drawEdges(matrix, ink('--edge'));
     if (this.ghost && show.ghost) gpu.drawLines(this.ghost, matrix, ink('--ghost'));
     if (show.lines) for (const l of this.linesGpu) gpu.drawLines(l.points, matrix, [...WM.hex(l.colour), 1], 1e-4);
-    if (show.cameras) head.cameras.forEach((c, k) => gpu.drawLines(this.frustums[k], matrix, [...WM.hex(c.colour), 1]));
-    if (head.markers && show.markers) gpu.drawDots(this.dots, matrix, ink('--marker'), 7 * scale);
+    if (show.cameras) model.cameras.forEach((c, k) => gpu.drawLines(this.frustums[k], matrix, [...WM.hex(c.colour), 1]));
+    if (head.markers && show.markers) {
+      for (const { colour, points } of this.dots) {
+        if (points.count) gpu.drawDots(points, matrix, colour ? [...WM.hex(colour), 1] : ink('--marker'), (colour ? 9 : 7) * scale);
+      }
+    }
     if (this.shifts && show.residuals) gpu.drawLines(this.shifts, matrix, ink('--shift'), 1e-3);
     if (this.balls && show.ellipsoids) gpu.drawBalls(this.balls, matrix, view, [...ink('--ellipsoid').slice(0, 3), 0.45]);
     this.label(width, height);
@@ -229,7 +268,7 @@ WM.Scene = class {
       out.push(WM.element('span', { class: kind, style: `left:${box[0]}px;top:${box[1]}px` }, name));
     };
     if (this.show.names) {
-      if (this.show.cameras) head.cameras.forEach((c) => put(c.center, c.name, 'wm-camera-name'));
+      if (this.show.cameras) this.model.cameras.forEach((c) => put(c.center, c.name, 'wm-camera-name'));
       if (head.markers && this.show.markers) head.markers.names.forEach((n, k) => put(this.model.spots[k], n, 'wm-marker-name'));
     }
     this.names.replaceChildren(...out);
@@ -246,10 +285,8 @@ WM.Scene = class {
     this.canvas.addEventListener('webglcontextrestored', () => {
       this.gpu = new WM.Gpu(this.canvas);
       this.prepare();
-      if (this.field) {
-        this.shift(this.field.shifts);
-        this.colour();
-      }
+      this.shift(this.shiftsNow());
+      if (this.field) this.colour();
       this.redraw();
     });
     this.canvas.addEventListener('pointermove', (e) => {
@@ -288,7 +325,7 @@ WM.Scene = class {
       return [head.markers.names[m], ...head.markers.notes[m], ...(seen ? [seen] : [])];
     }
     const c = show.cameras ? point(this.stations) : -1;
-    if (c >= 0) return [head.cameras[c].name, ...head.cameras[c].notes];
+    if (c >= 0) return [model.cameras[c].name, ...model.cameras[c].notes];
     if (!hit) return [];
     const decimals = Math.min(Math.max(Math.floor(-Math.log10(surface.step)), 0), 9);
     const place = [0, 1, 2].map((a) => surface.xyz[3 * hit.node + a].toFixed(decimals).replace('-', '\u2212'));

@@ -15,6 +15,7 @@ from windmark.pipeline.deform.frames import FrameTable
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import number_of, stamp_ns
 from windmark.pipeline.deform.record import MISFIT, MOTION, FrameRecord
+from windmark.pipeline.private_paths import without_folders
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,8 @@ def _attributes(file: Any, loaded: Loaded) -> None:
     file.attrs["title"] = project.title
     file.attrs["source"] = f"windmark {windmark.__version__}"
     file.attrs["length_unit"] = project.length_unit
-    file.attrs["history"] = json.dumps(project.model_dump(mode="json"))
+    options = without_folders(project.model_dump(exclude={"path"}), project.path.resolve().parent)
+    file.attrs["history"] = json.dumps(options, default=str)
     file.dimensions = {
         "frame": None, "parameter": max(len(names), 1), "motion_axis": 6, "text": 64,
         "station": max(0 if stations is None else len(stations), 1), "camera": len(loaded.test.stations),

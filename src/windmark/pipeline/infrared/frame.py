@@ -67,7 +67,7 @@ def run_frame(run: InfraredRun, frame: DeformedFrame, images: FrameImages, pictu
         frame.key, frame.index, float(run.times[frame.index]), pictures, REDUCED, "", tuple(remarks), state.rms_px,
         float(known[used].mean()), tuple(cameras), float(np.median(field.value[known])),
         float(np.median(field.sigma[known])), apart=merged.apart, causes={"T": dominant(field)},
-        followed=Followed.of(frame, f"frame {frame.key}"), seconds=working_time() - began,
+        followed=Followed.of(frame, f"frame {frame.key}", run.deforming.test), seconds=working_time() - began,
     )  # fmt: skip
     return FrameOutcome(mesh.vertices, cameras, record)
 

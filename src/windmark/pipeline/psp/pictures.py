@@ -138,7 +138,7 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
             troubles[f"{kind} picture {k + 1}"] = "; ".join(state.warnings[:2])
         states.append(state)
         rms.append(state.rms_px)
-        followed.append(Followed.of(frame, f"{kind} picture {k + 1}"))
+        followed.append(Followed.of(frame, f"{kind} picture {k + 1}", test.deforming.test))
         mesh, moves = moved_grid(state, test.mesh)
         for name in frame.views:
             own, station = raw[name][k], test.deforming.test.station(name)

@@ -1,0 +1,39 @@
+"""Camera pictures of a report that zoom to their pixels, with the markers that took part drawn over them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.app.photo import FIRST, Overlay, Room, preview
+from windmark.pipeline.deform.followed import Standing
+from windmark.scene import MarkerSet
+
+Array = NDArray[np.float64]
+
+SERIES = Room(photo=140_000)
+"""Of a picture that stands for a series."""
+
+
+def marked_photo(
+    image: NDArray[np.generic], xy: Array, residual: Array, names: Sequence[str], caption: str, room: Room = FIRST
+) -> str:
+    """A picture with its spots (K, 2), the residuals (projected − detected, px) of their markers, and these' names."""
+    over = Overlay((image.shape[1], image.shape[0]))
+    notes = [f"{n}: x {x:.2f}, y {y:.2f} px; residual {dx:+.3f}, {dy:+.3f} px".replace("-", "−")
+             for n, (x, y), (dx, dy) in zip(names, xy.tolist(), residual.tolist(), strict=True)]  # fmt: skip
+    over.rings(xy, np.full(len(xy), 6.0), np.ones(len(xy), dtype=bool), notes, (f"matched spot ({len(xy)})", ""))
+    over.residuals(xy, residual, names, "residual")
+    return over.html(preview(image, room.photo)[0], caption)
+
+
+def standing_photo(
+    image: NDArray[np.generic], standing: Standing, camera: str, markers: MarkerSet, caption: str
+) -> str:  # fmt: skip
+    """A camera's picture of an instant at which the model was found, with the spots that took part."""
+    marker, residual = standing.residuals.get(camera, (np.zeros(0, np.int64), np.zeros((0, 2))))
+    lens, pose = standing.cameras[camera]
+    xy = lens.project(pose.apply(standing.xyz[marker]))[0] - residual
+    return marked_photo(image, xy, residual, [str(n) for n in markers.name[marker]], caption, SERIES)
