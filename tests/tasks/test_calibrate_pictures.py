@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 import registration_scenes as scenes
 
+from windmark.calibration import Distance, Fixed, Free, Weighted
+from windmark.errors import UsageError
+from windmark.geometry import Camera
+from windmark.scene import MarkerSet
+from windmark.tasks.calibrate import CalibrateSettings, calibrate_matching
 from windmark.tasks.calibrate.pictures import MatchedPicture, MatchSettings, _without_labels
 
 
@@ -21,3 +26,15 @@ def test_another_focal_length_is_the_reason_where_the_picture_shows_it(factor, w
     assert said.registration is None
     assert "contradict the other pictures" in said.problem
     assert words in said.problem
+
+
+@pytest.mark.parametrize(("settings", "words"), [
+    (CalibrateSettings(Fixed(("a", "b", "x"))), "datum names the unknown marker 'x'"),
+    (CalibrateSettings(Weighted()), "three markers with a sigma"),
+    (CalibrateSettings(Free(), distances=(Distance("a", "x", 5.0, 0.1),)), "distances names the unknown marker 'x'"),
+])  # fmt: skip
+def test_a_datum_that_cannot_be_is_said_before_a_picture_is_matched(settings, words):
+    """There is none: whoever matched first would say so."""
+    markers = MarkerSet.make(["a", "b", "c"], np.eye(3))
+    with pytest.raises(UsageError, match=words):
+        calibrate_matching([], markers, {"cam": Camera((100, 100), 100.0)}, settings)

@@ -42,6 +42,7 @@ from windmark.scene import MarkerCovariance, MarkerSet
 from windmark.tasks.calibrate.lens import in_lens, with_lens
 from windmark.tasks.calibrate.marks import start_camera, with_focal
 from windmark.tasks.calibrate.rig import Beside, beside
+from windmark.tasks.calibrate.run import check_asked
 
 Record = dict[str, Any]
 Pictures = Sequence[Picture] | None
@@ -176,6 +177,7 @@ def _solve(
         markers = with_curvature(markers, lengths.mesh(files.grid))
     if files.control_cov is not None:
         settings = _known_together(settings, lengths.covariance(files.control_cov, markers))
+    check_asked(markers, settings)  # before pictures are searched
     if not tables:
         return calibrate_pictures(files.inputs, markers, files.start, match, settings, clock, files.focal_px,
                                   files.patterns)  # fmt: skip

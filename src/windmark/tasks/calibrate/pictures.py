@@ -25,7 +25,14 @@ from windmark.tasks.calibrate.beside import beside_their_place
 from windmark.tasks.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, with_lens
 from windmark.tasks.calibrate.marks import Marks, with_sigma
 from windmark.tasks.calibrate.picture import Picture, excess_px
-from windmark.tasks.calibrate.run import Calibrated, CalibrateSettings, adjusted, calibrate_marks, explained
+from windmark.tasks.calibrate.run import (
+    Calibrated,
+    CalibrateSettings,
+    adjusted,
+    calibrate_marks,
+    check_asked,
+    explained,
+)
 from windmark.tasks.calibrate.stage import Stage, unnoticed
 
 ROUGH_SPACING = 0.3
@@ -120,6 +127,7 @@ def calibrate_matching(
     -------
     The calibration, or why there is none; and what became of each picture.
     """
+    check_asked(markers, settings)
     told = dict(cameras) if given is None else given
     how_to_match, start = matching or MatchSettings(), in_lens(cameras, told, settings.lens)
     answer = _in_rounds(pictures, markers, start, told, how_to_match, settings, stage, unknown_focal)

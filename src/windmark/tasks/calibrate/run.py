@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from windmark.calibration import Calibration, Distance, NotCalibrated, self_calibrate
 from windmark.calibration.datum import Datum
 from windmark.calibration.lens_choice import LensTried
 from windmark.calibration.quality import SplitHalf, split_half
+from windmark.calibration.setup import Job, bars_of
 from windmark.errors import UsageError, WindmarkError
 from windmark.options.calibration import ECCENTRICITY, MAX_SIGMA0, REJECT, RIG, SOLVER
 from windmark.options.registration import SEED
+from windmark.scene import MarkerSet, Observations
 from windmark.tasks.calibrate.diagnose import diagnosis
 from windmark.tasks.calibrate.marks import Marks
 from windmark.tasks.calibrate.stage import Stage, unnoticed
@@ -55,6 +59,23 @@ class Calibrated:
     marks: Marks
     halves: SplitHalf | NotCalibrated
     lenses: tuple[LensTried, ...] = ()
+
+
+def check_asked(markers: MarkerSet, settings: CalibrateSettings) -> None:
+    """What can be known to be wrong before a picture is looked at: names, sigmas and bars of the datum.
+
+    Raises
+    ------
+    UsageError
+        As `self_calibrate`, which would say it after the search for focal length and lens.
+    """
+    nothing = Observations(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
+    if settings.datum is None:
+        return
+    job = Job(nothing, markers, (), {}, (), settings.datum, settings.distances, False, (), {})
+    job.chosen(settings.datum.markers, "datum")
+    job.known_sigma()
+    bars_of(job)
 
 
 def calibrate_marks(
