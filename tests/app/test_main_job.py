@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 import xarray
+from test_packing import page_text
 
 from windmark import io
 from windmark.app import verbs
@@ -68,7 +69,7 @@ def test_the_report_stands_alone(finished):
     page = (finished[2] / "report.html").read_text(encoding="utf-8")
     assert not re.search(r'(?:src|href)="(?!data:)', page)
     assert "http" not in re.sub(PACKED, "", page)
-    assert page.count('src="data:image/') >= 4  # each picture, and each in its views
+    assert page_text(finished[2] / "report.html").count('src="data:image/') >= 4  # each picture, and each in its views
     assert page.count('<image href="data:image/') >= 12  # pixels of spots
     assert "No marker is labelled wrong" in page
 

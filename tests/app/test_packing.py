@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import re
 import shutil
 import subprocess
 
@@ -23,6 +24,13 @@ def opened(text):
     whole = gzip.decompress(b"".join(four.to_bytes(4, "big") for four in fours)[: int(length)])
     length = int.from_bytes(whole[:4], "little")
     return json.loads(whole[4 : 4 + length]), np.frombuffer(whole, np.uint8, offset=4 + length)
+
+
+def page_text(path):
+    """A report with the parts that are packed in it."""
+    page = path.read_text(encoding="utf-8")
+    parts = re.findall(r'<script type="text/plain" id="part-[^"]*">([^<]*)</script>', page)
+    return page + "".join(opened(part)[1].tobytes().decode() for part in parts)
 
 
 def ints(raw, of):

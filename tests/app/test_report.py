@@ -77,8 +77,8 @@ def test_private_folders_are_not_told(text, said):
     assert told(text, Path("/secret place/test")) == said
 
 
-@pytest.mark.parametrize(("count", "packed"), [(3, False), (9, False), (15, True)])
-def test_the_worst_pictures_keep_their_pixels(monkeypatch, count, packed):
+@pytest.mark.parametrize(("count", "packed"), [(1, False), (9, False), (15, True)])
+def test_the_worst_picture_has_the_most_room(monkeypatch, count, packed):
     rooms = {}
     monkeypatch.setattr(run_report, "image_part", lambda _, item, __, room, ___: rooms.update({item.name: room}))
     answers = [SimpleNamespace(rms_px=float(k), matching=[0]) for k in range(count)]
@@ -87,9 +87,8 @@ def test_the_worst_pictures_keep_their_pixels(monkeypatch, count, packed):
     order = run_report.worst_first(items)
     run_report._images(report, order, SimpleNamespace(images=items), packed)
     assert sorted(rooms) == sorted(i.name for i in items)
-    whole = {name for name, room in rooms.items() if room.photo > 400_000}
-    assert whole == {i.name for i in items[-run_report.WHOLE :]}
-    assert ("are coarser here, beside" in report.html()) == (count > run_report.WHOLE)
+    assert {name for name, room in rooms.items() if room.photo > 100_000} == {items[-1].name}
+    assert ("are packed tighter" in report.html()) == (count > 1)
 
 
 @pytest.mark.parametrize("about", [1, 3, 6])

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from windmark.app.photo import FEW, Overlay, preview
+from windmark.app.photo import FIRST, Overlay, preview
 from windmark.app.pictures import MISSING, SPARE, WIDTH_IN
 from windmark.scene.plots import round_length
 from windmark.tasks.align2d import ImageAlignment
@@ -38,7 +38,7 @@ def residual_photo(reference: NDArray[np.generic], answer: ImageAlignment, name:
                                         ("still", answer.still, "stand still: left out", SPARE)):  # fmt: skip
         if len(pairs):
             over.lines(layer, _crosses(answer.reference_spots.xy[pairs[:, 0]]), f"{len(pairs)} {words}", colour)
-    return over.html(preview(reference, FEW.photo)[0],
+    return over.html(preview(reference, FIRST.photo)[0],
                      f"{name} on the reference: {len(place)} markers, {answer.kind}.")  # fmt: skip
 
 

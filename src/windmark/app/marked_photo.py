@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.app.photo import FEW, Overlay, Room, preview
+from windmark.app.photo import FIRST, Overlay, Room, preview
 from windmark.pipeline.deform.followed import Standing
 from windmark.scene import MarkerSet
 
@@ -18,7 +18,7 @@ SERIES = Room(photo=140_000)
 
 
 def marked_photo(
-    image: NDArray[np.generic], xy: Array, residual: Array, names: Sequence[str], caption: str, room: Room = FEW
+    image: NDArray[np.generic], xy: Array, residual: Array, names: Sequence[str], caption: str, room: Room = FIRST
 ) -> str:
     """A picture with its spots (K, 2), the residuals (projected − detected, px) of their markers, and these' names."""
     over = Overlay((image.shape[1], image.shape[0]))

@@ -49,7 +49,7 @@ class Fineness:
 
 FINE = Fineness(0.25, 1024, 1.02, 2)
 """The rounding has 7 % of the noise's size: 0.3 % of both together."""
-COARSE = Fineness(0.5, 96, 1.3, 1)
+COARSE = Fineness(0.5, 96, 1.33, 1)
 """For a report of many pictures: the rounding has 14 % of the noise's size, 1 % of both together."""
 
 

@@ -23,6 +23,9 @@ from windmark.scene.plots import round_length
 Array = NDArray[np.float64]
 
 QUALITIES = (82, 65, 45)
+GIVEN_UP = 4.4
+"""A noisy picture takes so many times the bytes at the best quality as at the least: a larger one can never fit, and
+one that fits at the least quality keeps its pixels, which are worth more than their last grey levels."""
 MOST_PX, SHRINK = 1_600_000, 0.7
 """A preview has at most so many pixels; each further step takes so many times as many a side."""
 LEAST_BYTES = 0.045
@@ -31,7 +34,6 @@ PROBED_PX, BLOCK, EVERY = 300_000, 16, 8
 """From so many pixels on every eighth row of blocks is packed first, to see whether all of them would fit."""
 TILE = 16
 """Pixels to either side of a spot that are shown as they are."""
-WIRES_BYTES = 24_000
 
 
 @dataclass(frozen=True)
@@ -42,15 +44,17 @@ class Room:
     ----------
     photo, thumbnail : of a preview and of the index's small one
     tiles : how many spots are shown by their pixels
+    wires : of the lines of the grid
     """
 
     photo: int = 420_000
     thumbnail: int = 6_000
     tiles: int = 12
+    wires: int = 24_000
 
 
-FEW, MANY = Room(), Room(photo=44_000, thumbnail=4_000, tiles=3)
-"""For a report of a few pictures, and of many."""
+FIRST, FURTHER = Room(), Room(photo=48_000, thumbnail=4_000, tiles=3, wires=8_000)
+"""For the first picture of a report, and for each of the others."""
 
 
 def preview(image: NDArray[np.generic], most: int) -> tuple[str, tuple[int, int]]:
@@ -67,8 +71,7 @@ def preview(image: NDArray[np.generic], most: int) -> tuple[str, tuple[int, int]
             url = _url(small, "webp", quality=quality, method=1)
             if len(url) <= most:
                 return url, size
-            # Bytes fall about with the quality; what is far too large is not tried in every step.
-            if len(url) > 2 * most:
+            if len(url) > GIVEN_UP * most:  # no quality would do
                 break
         scale *= SHRINK
     return url, size
@@ -83,7 +86,7 @@ def _far_too_large(picture: Image.Image, most: int) -> bool:
         return False
     rows = np.arange(picture.height)
     some = np.asarray(picture)[rows // BLOCK % EVERY == 0]
-    return EVERY * len(_url(Image.fromarray(some), "webp", quality=QUALITIES[0], method=1)) > 2.5 * most
+    return EVERY * len(_url(Image.fromarray(some), "webp", quality=QUALITIES[0], method=1)) > 1.25 * GIVEN_UP * most
 
 
 def greys(image: NDArray[np.generic]) -> NDArray[np.uint8]:
@@ -160,11 +163,11 @@ class Overlay:
         style = f"stroke: {colour}; stroke-width: 1.4"
         self.layers[layer] = (_key(colour, words, "dash"), f'<path class="{layer}" style="{style}" d="{drawn}"/>')
 
-    def wires(self, lines: Sequence[Array], words: str) -> None:
+    def wires(self, lines: Sequence[Array], words: str, most: int = FIRST.wires) -> None:
         """Lines of the projected grid, as many as fit."""
         for every in (1, 2, 4, 8):
             drawn = "".join(polyline(line, 1.5 * every) for line in lines[::every])
-            if len(drawn) <= WIRES_BYTES:
+            if len(drawn) <= most:
                 break
         if drawn:
             self.layers["wires"] = (_key("#00a3b5", words, "dash"), f'<path class="wires" d="{drawn}"/>')
@@ -188,11 +191,11 @@ class Overlay:
         drawn = "".join(svg for _, svg in layers.values())
         return (
             f'<figure class="wm-photo"><div class="wm-layers">{boxes}</div>'
-            f'<div class="wm-zoom" tabindex="0" style="--name: {width / 95:.1f}px"><div>'
+            f'<div class="wm-zoom" tabindex="0" style="--name: {width / 95:.1f}px; --shape: {width / height:.3f}"><div>'
             f'<img alt="{escape(caption)}" src="{url}" width="{width}" height="{height}">'
             f'<svg viewBox="-0.5 -0.5 {width} {height}" preserveAspectRatio="none">{drawn}</svg></div></div>'
-            f"<figcaption>{escape(caption)} Click and turn the wheel, or double-click, to zoom to the pixel; drag to "
-            "move; Esc shows all.</figcaption></figure>"
+            f'<figcaption>{escape(caption)} <span class="wm-screen">Click and turn the wheel, or double-click, to zoom '
+            "to the pixel; drag to move; Esc shows all.</span></figcaption></figure>"
         )
 
 

@@ -133,11 +133,11 @@ class Report:
             )
 
     @contextmanager
-    def folded(self, ident: str, summary: str, *, packed: bool) -> Iterator[None]:
+    def folded(self, ident: str, summary: str, *, packed: bool, closed: bool) -> Iterator[None]:
         """What is written inside stands in a part of its own that can be closed; ``summary`` is HTML.
 
-        ``packed``: it is closed at first and packed until somebody opens it, so that a report of many is small and is
-        there at once.
+        ``packed``: it takes a third of the room, pictures but for 6 % apart. ``closed`` at first: unpacked when
+        somebody opens it, so that a report of many is there at once; else when the page is loaded.
         """
         before = len(self.parts)
         yield
@@ -146,7 +146,8 @@ class Report:
         if packed:
             part = f"{PACKED_ID}-{ident}"
             self.data[part] = packed_text(b"{}", inner.encode())
-            self.raw(f'<details id="{escape(ident)}" data-blob="{escape(part)}"><summary>{summary}</summary>'
+            opened = "" if closed else " open"
+            self.raw(f'<details id="{escape(ident)}" data-blob="{escape(part)}"{opened}><summary>{summary}</summary>'
                      '<div class="wm-packed">opening …</div></details>')  # fmt: skip
         else:
             self.raw(f'<details id="{escape(ident)}" open><summary>{summary}</summary>{inner}</details>')

@@ -79,7 +79,7 @@ def photo(
     if result.mesh is not None and item.nodes is not None:
         with report.part(f"{item.name}: picture of the grid lines"):
             lines = grid_lines(result.mesh, item.nodes, per_block=LINES_PER_BLOCK, edges=4000)
-            over.wires(lines, "visible grid lines, projected")
+            over.wires(lines, "visible grid lines, projected", room.wires)
     matched = np.zeros(len(spots), dtype=bool)
     sigma = np.sqrt(np.trace(spots.cov, axis1=1, axis2=2) / 2)
     columns = zip(spots.xy.tolist(), sigma.tolist(), spots.merit.tolist(), strict=True)

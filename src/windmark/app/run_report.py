@@ -14,7 +14,7 @@ import numpy as np
 
 import windmark
 from windmark.app import merge_report
-from windmark.app.photo import FEW, MANY, greys, thumbnail
+from windmark.app.photo import FIRST, FURTHER, greys, thumbnail
 from windmark.app.provenance import Provenance
 from windmark.app.report import Report
 from windmark.app.run_images import image_part
@@ -26,9 +26,6 @@ from windmark.pipeline.truth import Comparison
 
 OPEN_IMAGES = 12
 """Images that a report shows at once; of more each part is packed until it is opened."""
-WHOLE = 6
-"""Images, the worst, that are shown to their pixels (some 0.3 MB more each); of further ones coarser pictures. So a
-report stays below 3 MB and 150 kB for each further image of NASA's plate."""
 
 FILES = (
     ("detections.csv", "every spot: centre, sigma, merit, radius"),
@@ -105,7 +102,7 @@ def worst_first(images: Sequence[ImageResult]) -> list[ImageResult]:
 
 def _images(report: Report, order: Sequence[ImageResult], result: RunResult, many: bool) -> None:
     """A part for each image; of many an index with small pictures, and the parts packed until they are opened."""
-    rooms = {item.name: FEW if k < WHOLE else MANY for k, item in enumerate(order)}
+    rooms = {item.name: FURTHER if k else FIRST for k, item in enumerate(order)}
     ident = {item.name: f"image-{k + 1}" for k, item in enumerate(result.images)}
 
     def one(item: ImageResult) -> tuple[Report, str]:
@@ -114,19 +111,20 @@ def _images(report: Report, order: Sequence[ImageResult], result: RunResult, man
         if item.image is not None:
             with own.part(f"{item.name}: the picture"):
                 shown = greys(item.image)
-        with own.folded(ident[item.name], f"<b>{escape(item.name)}</b>: {escape(in_short(item))}", packed=many):
+        with own.folded(ident[item.name], f"<b>{escape(item.name)}</b>: {escape(in_short(item))}",
+                        packed=item is not order[0] or many, closed=many):  # fmt: skip
             image_part(own, item, result, rooms[item.name], shown)
         if many and shown is not None:
             with own.part(f"{item.name}: small picture"):
-                small = thumbnail(shown, MANY.thumbnail)
+                small = thumbnail(shown, FURTHER.thumbnail)
         return own, small
 
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
         made = list(pool.map(one, order))
     report.heading("Images" + (", worst first" if len(order) > 1 else ""))
-    if len(order) > WHOLE:
-        report.text(f"The first {WHOLE}, the worst, are shown to their pixels; the pictures of the others are coarser "
-                    "here, beside the pixels round their worst spots.", "soft")  # fmt: skip
+    if len(order) > 1:
+        report.text("The first, the worst, is shown at its best; the pictures of the others are packed "
+                    "tighter, and may be coarser, beside the pixels round their worst spots.", "soft")  # fmt: skip
     if many:
         cards = "".join(
             f'<a href="#{ident[item.name]}">' + (f'<img alt="" loading="lazy" src="{small}">' if small else "")
@@ -209,7 +207,8 @@ def _truth(report: Report, truth: Comparison) -> None:
 def _times(report: Report, result: RunResult, seconds: dict[str, float]) -> None:
     report.heading("Times")
     stages = list(dict.fromkeys(stage for item in result.images for stage in item.seconds))
-    rows = [(name, *([None] * len(result.images)), value) for name, value in result.seconds.items()]
-    rows += [(stage, *(item.seconds.get(stage) for item in result.images), None) for stage in stages]
-    rows += [(name, *([None] * len(result.images)), value) for name, value in seconds.items()]
-    report.table(["stage, s", *(item.name for item in result.images), "whole job"], rows)
+    if result.images:
+        report.table(["image", *(f"{stage}, s" for stage in stages)],
+                     [(item.name, *(item.seconds.get(stage) for stage in stages)) for item in result.images],
+                     scroll=len(result.images) > OPEN_IMAGES)  # fmt: skip
+    report.table(["stage of the whole job", "s"], [*result.seconds.items(), *seconds.items()])

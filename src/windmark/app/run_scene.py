@@ -37,7 +37,7 @@ def run_scene(result: RunResult, order: Sequence[ImageResult]) -> Scene3D | None
     values: list[NDArray[np.floating]] = [f.values for f in merged]
     for item in located:
         if mesh is not None and item.values is not None:
-            fields.append(partial(_field, item, result, mesh))
+            fields.append(partial(_field, item, result, mesh, coarse=item is not located[0]))
             values.append(item.values)
     focus = _focus(mesh, values, result.markers)
     first = located[0].cam_from_model
@@ -69,11 +69,13 @@ def _focus(mesh: Mesh | None, fields: Sequence[NDArray[np.floating]], markers: M
     return np.concatenate(points)
 
 
-def _field(item: ImageResult, result: RunResult, mesh: Mesh) -> Field:
+def _field(item: ImageResult, result: RunResult, mesh: Mesh, *, coarse: bool) -> Field:
+    """Values of an image; ``coarse`` for all but the first, so that each costs little."""
     assert item.values is not None
     sigma = node_sigma(item, mesh, result.project.resect.interpolation)
     values = item.values.astype(float)
-    return Field(item.name, item.name, item.quantity.label, values, sigma, shifts=shifts(item, result))
+    return Field(item.name, item.name, item.quantity.label, values, sigma, shifts=shifts(item, result),
+                 coarse=coarse)  # fmt: skip
 
 
 def shifts(item: ImageResult, result: RunResult) -> Shifts | None:

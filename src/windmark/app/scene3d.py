@@ -52,6 +52,7 @@ class Field:
     limits : of the colours; by default all values but the outermost
     shifts : of the markers, beside this field
     frame : of a sequence, which this is of; with the slider go the fields of one label
+    coarse : packed as `packing.COARSE` is, as all are where there are many
     """
 
     key: str
@@ -63,6 +64,7 @@ class Field:
     limits: tuple[float, float] | None = None
     shifts: Shifts | None = None
     frame: int | None = None
+    coarse: bool = False
 
 
 @dataclass(frozen=True, eq=False)

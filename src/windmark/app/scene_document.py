@@ -39,11 +39,12 @@ def documents(scene: Scene3D, ident: str) -> dict[str, str]:
     """Packed data by the id of its part of the page: the scene itself, and every field that is not shown first."""
     packed, out = Packed(), {}
     fields = []
-    fineness = FINE if len(scene.fields) <= FEW_FIELDS else COARSE
+    many = len(scene.fields) > FEW_FIELDS
 
     def made(k: int) -> tuple[Document, str]:
         entry = scene.fields[k]
         entry = entry if isinstance(entry, Field) else entry()
+        fineness = COARSE if many or entry.coarse else FINE
         if k == scene.chosen:
             return {**_about(entry), **_content(packed, entry, fineness)}, ""
         own = Packed()

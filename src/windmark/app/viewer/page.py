@@ -12,7 +12,7 @@ import numpy as np
 
 from windmark import detection, io
 from windmark.app import web
-from windmark.app.photo import FEW, MANY, Overlay, Room, greys, preview
+from windmark.app.photo import FIRST, FURTHER, Overlay, Room, greys, preview
 from windmark.app.report import Report
 from windmark.app.run_images import photo
 from windmark.app.run_report import OPEN_IMAGES, in_short, overview, worst_first
@@ -104,16 +104,17 @@ def _pictures(report: Report, order: list[ImageResult], result: RunResult) -> No
 
     def one(item: ImageResult) -> Report:
         own = Report("", folder=report.folder)
-        with own.folded(ident[item.name], f"<b>{escape(item.name)}</b>: {escape(in_short(item))}", packed=many):
+        with own.folded(ident[item.name], f"<b>{escape(item.name)}</b>: {escape(in_short(item))}", packed=many,
+                        closed=many):  # fmt: skip
             own.raw(f'<div class="wm-view" data-image="{escape(item.name)}">')
             if item.problem:
                 own.text(item.problem, "bad")
             if item.image is not None and item.detections is not None:
                 with own.part(f"{item.name}: picture of the spots"):
-                    photo(own, item, result, MANY if many else FEW, greys(item.image))
+                    photo(own, item, result, FURTHER if many else FIRST, greys(item.image))
             elif item.image is not None:
                 with own.part(f"{item.name}: the picture"):
-                    _bare(own, item, result, MANY if many else FEW)
+                    _bare(own, item, result, FURTHER if many else FIRST)
             own.raw("</div>")
         return own
 

@@ -141,6 +141,7 @@ WM.follow = async () => {
 document.addEventListener('DOMContentLoaded', async () => {
   WM.liven(document);
   await Promise.all([...document.querySelectorAll('.wm-scene')].map(WM.start));
+  await Promise.all([...document.querySelectorAll('details[open][data-blob]')].map(WM.open));
   window.addEventListener('hashchange', WM.follow);
   await WM.follow();
   document.documentElement.dataset.ready = 'yes';
