@@ -161,6 +161,7 @@ def no_pictures(monkeypatch):
         raise ValueError("no such colour")
 
     monkeypatch.setattr(FigureCanvasAgg, "draw", broken)
+    monkeypatch.setattr("windmark.app.photo._url", broken)
 
     def named(done, count, page=None):
         assert done.code == 0, done.err

@@ -127,7 +127,7 @@ def follow(windmark, place, out, *more):
 def test_track_without_its_picture(windmark, swinging, tmp_path, no_pictures):
     out = tmp_path / "out"
     done = follow(windmark, swinging, out, "--json")
-    no_pictures(done, 1, out / "report.html")
+    no_pictures(done, 2, out / "report.html")
     assert list(done.json["lost_images"]) == ["f1.tif"]
     assert FORMULA in (out / "matches.csv").read_text()
     assert not (out / "motion.png").exists()

@@ -85,6 +85,7 @@ def test_a_simulated_polar_comes_out_as_it_is_true(polar, whole):
     assert html.count('class="wm-scene"') == 1
     assert html.count('class="wm-photo"') == 2  # one of each camera
     assert "area shown" in html
+    assert html.index('class="wm-scene"') < html.index(">Notes<")  # the result first
     wing = [r for r in rows(out / "loads.csv") if r["volume"] == "wing"]
     assert all(0.3 < float(r["area_shown"]) < 0.6 for r in wing)
     assert not done.json["not_drawn"]

@@ -7,6 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
+from test_packing import page_text
 
 from windmark import io
 from windmark.pipeline.simulate_cameras import simulate_cameras
@@ -105,7 +106,7 @@ def test_a_camera_that_sees_no_marker_has_no_pose_unless_it_is_trusted(copy, mad
     done = windmark("run", copy / "project.toml")
     assert "cam2: 0 of 0 spots are markers" in done.out
     assert "unchecked: whether its camera is where the rig says (0 of its spots are markers)" in done.out
-    page = (copy / "results" / "report.html").read_text(encoding="utf-8")
+    page = page_text(copy / "results" / "report.html")
     assert "This picture cannot tell: whether its camera is where the rig says" in page
     assert off_px(copy, "cam2", made[1]) < 0.1
 

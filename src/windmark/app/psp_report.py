@@ -67,6 +67,7 @@ def psp_page(test: PspTest, records: list[PointRecord], folder: Path) -> Report:
             report.drawing("picture of the taps", lambda: taps_picture(done),
                            "Error bars: 2 sigma of tap and paint; crosses: taps that do not count")  # fmt: skip
             _taps(report, done)
+    _notes(report, records)
     _paint(report, test)
     report.heading("Files beside this report")
     report.table(["file", "content"], FILES)
@@ -85,6 +86,12 @@ def _points(report: Report, records: list[PointRecord]) -> None:
     for r in records:
         if r.status != REDUCED:
             report.text(f"Point {r.name}: {r.reason}", "bad")
+
+
+def _notes(report: Report, records: list[PointRecord]) -> None:
+    """What is to be said of the points: behind the results."""
+    if grouped(records):
+        report.heading("Notes")
     for remark, names in grouped(records).items():
         some = "all points" if len(names) == len(records) > 1 else ", ".join(names[:6]) + (", ..." if names[6:] else "")
         report.text(f"{some}: {remark}", "soft")
