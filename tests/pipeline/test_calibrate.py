@@ -230,7 +230,7 @@ def matched_pictures(case, monkeypatch, tmp_path, settings=None, broken=()):
     for v in broken:
         found[f"v{v:02d}"] = Detections.make(rng.uniform([0, 0], [1499, 999], (40, 2)))
 
-    def fake(path, name, taken, options, clock):
+    def fake(path, name, taken, options):
         return MatchedPicture(name, taken.camera, (1500, 1000), found[name], taken.frame)
 
     monkeypatch.setattr(rounds, "_detect", fake)
@@ -274,7 +274,7 @@ def labelled_pictures(case, monkeypatch, tmp_path, wrong):
     net = case.network
     views = int(net.view.max()) + 1
 
-    def spots_of(path, name, taken, options, clock):
+    def spots_of(path, name, taken, options):
         xy = net.xy[net.view == int(name[1:])]
         return MatchedPicture(name, taken.camera, (1500, 1000), Detections.make(xy, sigma_px=0.1), taken.frame)
 
