@@ -77,7 +77,7 @@ def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_pa
     assert io.read_camera(out / "camera.json")[1] is not None
     page = (out / "report.html").read_text()
     assert "f3.tif" in page
-    assert "8 input files with SHA-256" in page  # six pictures, markers, camera
+    assert "9 input files with SHA-256" in page  # six pictures, markers, camera
     assert "--radius" in page
     assert page.count('class="wm-photo"') in (1, 2)  # the first pose, the largest residuals
     for told in (page, (out / "summary.json").read_text(encoding="utf-8")):

@@ -69,7 +69,7 @@ def session(monkeypatch, tmp_path):
     """``session(pictures={name: (spots, holes)}, board=..., ...)`` -> calibration and pictures."""
 
     def run(pictures, board, settings=SETTINGS, cameras=None, patterns=None):
-        def fake(path, name, taken, board, options, clock):
+        def fake(path, name, taken, board, options):
             spots, holes = pictures[name]
             return BoardPicture(name, taken.camera, SIZE, spots, taken.frame, holes=holes if board.marks else None)
 

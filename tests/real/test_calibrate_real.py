@@ -34,7 +34,7 @@ def test_a_label_in_some_pictures_is_enough(sheet, monkeypatch, tmp_path):
     rough = MarkerSet.make(names, true + rng.normal(0, 4, true.shape), normal=np.tile([0, 0, 1.0], (len(names), 1)))
     orders = [rng.permutation(np.flatnonzero(obs.view == v)) for v in range(21)]
 
-    def unlabelled(path, name, taken, options, clock):
+    def unlabelled(path, name, taken, options):
         xy = obs.xy[orders[int(name)]]
         spots = Detections.make(xy, cov=np.full((len(xy), 1, 1), 0.15**2) * np.eye(2))
         fixed = fixed_spots(spots, options.labels.get(name, {}), 10.0)

@@ -91,7 +91,7 @@ def known(sigma, seed, moved=None):
 
 
 def test_the_camera_s_covariance_is_in_that_of_the_pose():
-    """Cameras drawn from it turn the pose by what it adds: chi^2/5 of 40 draws, the baseline's length left out."""
+    """Cameras drawn from it turn the pose by what it adds: 16 draws, in the directions that it adds to."""
     rng, sigma = np.random.default_rng(3), np.zeros(14)
     sigma[PARAMETERS.index("focal_px")], sigma[PARAMETERS.index("aspect")], sigma[PARAMETERS.index("cx")] = 8, 2e-3, 6
     true, exact = known(sigma, 7), known(None, 7)
@@ -102,8 +102,8 @@ def test_the_camera_s_covariance_is_in_that_of_the_pose():
     assert (values > -1e-12).all()
     told = values > 1e-3 * values.max()
     off = []
-    for _ in range(40):
+    for _ in range(16):
         step = (known(None, 7, rng.normal(0, sigma)).pose @ exact.pose.inverse()).log()
         off.append(((axes[:, told].T @ step) ** 2 / values[told]).mean())
     assert told.sum() in (2, 3)
-    assert 0.6 < np.mean(off) < 1.6  # of 80 numbers or more: +- 0.16, and to first order
+    assert 0.4 < np.mean(off) < 1.7  # chi^2 of 32 numbers or more is 1 +- 0.25, and the step is to first order
