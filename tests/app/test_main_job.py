@@ -51,7 +51,11 @@ def test_every_promised_file_is_there_and_reads_back(finished):
         np.testing.assert_allclose(pose.rotation, item.cam_from_model.rotation, atol=1e-15)
         spots = io.read_detections(place / "detections.csv")[item.name]
         np.testing.assert_array_equal(spots.xy, item.detections.xy)
-        assert set(io.read_matches(place / "matches.csv").name) <= set(test.markers.name)
+        table = io.read_matches(place / "matches.csv")
+        assert set(table.name) <= set(test.markers.name)
+        # What the judge saw: from the ellipses' centres, not from where the discs' centres are imaged.
+        rms = item.registered.rms_px
+        np.testing.assert_allclose(np.sqrt(np.mean(table.residual**2) * 2), rms, rtol=1e-6)
         _, fields = io.read_nodes_netcdf(place / "nodes.nc")[:2]
         np.testing.assert_array_equal(fields["value"], item.values)
         for name in ("nodes.vtp", "nodes.dat", "nodes.f", "nodes.nam", "nodes.csv", "view-top.tif", "aligned.tif"):

@@ -20,9 +20,9 @@ def matched(item: ImageResult, markers: MarkerSet) -> tuple[list[str], NDArray[n
     answer = item.registered
     if answer is None or item.detections is None:
         raise UsageError(f"image {item.name} is not registered, it has no matches to draw")
-    projected = projected_xy(answer, markers)
+    projected = projected_xy(answer, item.detections)
     names = [str(n) for n in markers.name[answer.matching.marker]]
-    return names, projected, projected - item.detections.xy[answer.matching.detection]
+    return names, projected, answer.residuals
 
 
 def matching_figure(item: ImageResult, markers: MarkerSet) -> Figure:

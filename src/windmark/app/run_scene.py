@@ -13,7 +13,6 @@ from windmark.app.residual_shifts import SeenBy, residual_shifts
 from windmark.app.scene3d import STATION_COLOURS, Cut, Field, Markers, Scene3D, Shifts, Station, looking_over
 from windmark.errors import g2
 from windmark.pipeline.node_sigma import node_sigma
-from windmark.pipeline.outputs import projected_xy
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.scene import MarkerSet, Mesh
 
@@ -83,8 +82,7 @@ def shifts(item: ImageResult, result: RunResult) -> Shifts | None:
     answer, markers = item.registered, result.markers
     if answer is None or markers is None or item.detections is None or not len(answer.matching):
         return None
-    seen = SeenBy(item.name, answer.camera, answer.cam_from_model, answer.matching.marker,
-                  projected_xy(answer, markers) - item.detections.xy[answer.matching.detection])  # fmt: skip
+    seen = SeenBy(item.name, answer.camera, answer.cam_from_model, answer.matching.marker, answer.residuals)
     return residual_shifts(item.name, [seen], markers.xyz, result.project.length_unit)
 
 

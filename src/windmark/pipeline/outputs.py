@@ -17,7 +17,7 @@ from windmark.pipeline.clock import Clock
 from windmark.pipeline.merge_outputs import merge_summary, table_summary, write_merged, write_points
 from windmark.pipeline.results import FramedView, ImageResult, Instant, RunResult
 from windmark.registration import NotRegistered, Registration, WeakDirection
-from windmark.scene import MarkerSet
+from windmark.scene import Detections
 
 Record = dict[str, Any]
 
@@ -44,7 +44,7 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
     answer, unit = item.registered, result.project.length_unit
     if answer is not None and item.detections is not None and result.markers is not None:
         io.write_matches(place / "matches.csv", item.detections, result.markers, answer.matching,
-                         projected_xy(answer, result.markers), image=item.name)  # fmt: skip
+                         projected_xy(answer, item.detections), image=item.name)  # fmt: skip
     if item.cam_from_model is not None:
         cov = None if answer is None or not np.isfinite(answer.cov).all() else answer.cov[:6, :6]
         io.write_camera(place / "camera.json", item.camera, item.cam_from_model, unit=unit, pose_cov=cov)
@@ -73,10 +73,12 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
         io.write_image(place / "aligned.tif", item.aligned, description=item.quantity.words)
 
 
-def projected_xy(answer: Registration, markers: MarkerSet) -> NDArray[np.float64]:
-    """(K, 2) projected positions of the matched markers, of the deformed model if it is."""
-    xyz = markers.xyz if answer.deformation is None else markers.xyz + answer.deformation.displacement
-    return answer.camera.project(answer.cam_from_model.apply(xyz[answer.matching.marker]))[0]
+def projected_xy(answer: Registration, spots: Detections) -> NDArray[np.float64]:
+    """(K, 2) where the centres of the matched markers' imaged ellipses are expected, of the deformed model if it is.
+
+    Not where the discs' centres are imaged: on a curved surface that is pixels from what a detector measures.
+    """
+    return np.asarray(spots.xy[answer.matching.detection] + answer.residuals)
 
 
 def _write_image_nodes(item: ImageResult, result: RunResult, place: Path, clock: Clock) -> None:
