@@ -14,7 +14,7 @@ from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Detections
 from windmark.scene.detections import middle_sigma
 from windmark.tasks.clicked_pair import ClickedPair, Clicks
-from windmark.tasks.clicked_pair.interior import distances, groups, moved
+from windmark.tasks.clicked_pair.interior import PoseFit, groups
 
 Array = NDArray[np.float64]
 
@@ -76,19 +76,14 @@ def _other_interior(
 ) -> tuple[float, float]:  # fmt: skip
     """Nats that another interior is ahead of scatter, and by how many degrees the pose would turn with it."""
     a, b = spots[0].xy[result.spot_a], spots[1].xy[result.spot_b]
-    each = groups(cameras)
-    here, turned = distances(a, b, cameras, pose)
-    if len(here) < 5 + 2 * len(INTERIOR) * len(each):
+    each, fit = groups(cameras), PoseFit(a, b, cameras, pose)
+    if len(a) < 5 + 2 * len(INTERIOR) * len(each):
         return 0.0, 0.0
     inner = np.concatenate([
-        moved(a, b, cameras, pose, which, dict(zip(INTERIOR, prior(cameras[which[0]]).tolist(), strict=True)))
-        for which in each
+        fit.moved(which, dict(zip(INTERIOR, prior(cameras[which[0]]).tolist(), strict=True))) for which in each
     ], axis=1)  # fmt: skip
-    if not (np.isfinite(inner).all() and np.isfinite(here).all()):
+    if not (np.isfinite(inner).all() and np.isfinite(fit.distance).all()):
         return 0.0, 0.0
-    # The length of the baseline moves nothing: five directions of the six.
-    left, value, right = np.linalg.svd(turned / (size := np.linalg.norm(turned, axis=0)))
-    free, b_free = left[:, 5:].T @ -here, left[:, 5:].T @ inner
-    made_up = left[:, :5].T @ (inner @ likeliest(free, b_free, spot))
-    step = -(right[:5].T @ (made_up / value[:5])) / size
+    free, b_free = fit.left(-fit.distance), fit.left(inner)
+    step = fit.step(inner @ likeliest(free, b_free, spot))
     return lead_over_scatter(free, b_free), float(np.degrees(np.linalg.norm(step[:3])))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +20,44 @@ TURN, PART = 1e-6, 0.1
 """Steps of the numerical slopes: of the pose (the baseline being 1), and of the interior in its sigmas."""
 
 
-def distances(a: Array, b: Array, cameras: Cameras, pose: Pose) -> tuple[Array, Array]:
-    """Distances of matches (K, 2), (K, 2) from their epipolar lines (K,) in px, and their slopes by the pose (K, 6)."""
-    here = epipolar_distance(a, b, *cameras, pose).sampson_px
-    there = [epipolar_distance(a, b, *cameras, Pose.exp(TURN * d) @ pose).sampson_px for d in np.eye(6)]
-    return here, (np.stack(there, axis=1) - here[:, None]) / TURN
+class PoseFit:
+    """What matches (K, 2), (K, 2) of two pictures leave of their pose, to first order, all weighing the same.
 
+    The length of the baseline moves nothing: five directions of the six.
+    """
 
-def moved(
-    a: Array, b: Array, cameras: Cameras, pose: Pose, which: Sequence[int], sigmas: Mapping[str, float]
-) -> Array:  # fmt: skip
-    """(K, P) what one sigma of each parameter of the cameras ``which`` adds to the distances."""
-    here, columns = epipolar_distance(a, b, *cameras, pose).sampson_px, []
-    for name, sigma in sigmas.items():
-        other = [replace(c, **{name: getattr(c, name) + PART * sigma}) if k in which else c
-                 for k, c in enumerate(cameras)]  # fmt: skip
-        columns.append((epipolar_distance(a, b, other[0], other[1], pose).sampson_px - here) / PART)
-    return np.stack(columns, axis=1)
+    def __init__(self, a: Array, b: Array, cameras: Cameras, pose: Pose) -> None:
+        self._distance = lambda first, second, at: epipolar_distance(a, b, first, second, at).sampson_px
+        self.cameras, self.pose = cameras, pose
+        self.distance: Array = self._distance(*cameras, pose)  # (K,) from the epipolar lines, px
+        there = [self._distance(*cameras, Pose.exp(TURN * d) @ pose) for d in np.eye(6)]
+        slopes = (np.stack(there, axis=1) - self.distance[:, None]) / TURN
+        self._size = np.linalg.norm(slopes, axis=0)
+        self._slopes = slopes / self._size
+        self._left, self._value, self._right = np.linalg.svd(self._slopes, full_matrices=False)
+
+    def moved(self, which: Sequence[int], sigmas: Mapping[str, float]) -> Array:
+        """(K, P) what one sigma of each parameter of the cameras ``which`` adds to the distances."""
+        columns = []
+        for name, sigma in sigmas.items():
+            other = [replace(c, **{name: getattr(c, name) + PART * sigma}) if k in which else c
+                     for k, c in enumerate(self.cameras)]  # fmt: skip
+            columns.append((self._distance(other[0], other[1], self.pose) - self.distance) / PART)
+        return np.stack(columns, axis=1)
+
+    def step(self, changes: Array) -> Array:
+        """(6, ...) the pose's steps with which the matches fit again after changes (K, ...) of the distances."""
+        along = (self._left[:, :5].T @ changes).T / self._value[:5]
+        return np.asarray(-((along @ self._right[:5]) / self._size).T)
+
+    def left(self, changes: Array) -> Array:
+        """(K - 5, ...) what no step of the pose makes up for."""
+        return np.asarray(self._rest.T @ changes)
+
+    @cached_property
+    def _rest(self) -> Array:
+        """(K, K - 5) directions of the distances that no step has: large, and asked for by the verdict alone."""
+        return np.asarray(np.linalg.svd(self._slopes)[0][:, 5:])
 
 
 def groups(cameras: Cameras) -> tuple[tuple[int, ...], ...]:
@@ -46,43 +68,29 @@ def groups(cameras: Cameras) -> tuple[tuple[int, ...], ...]:
     return ((0, 1),) if one else ((0,), (1,))
 
 
-def share(a: Array, b: Array, cameras: Cameras, pose: Pose) -> Array:
-    """(6, 6) what `Camera.cov` adds to the covariance of the pose of matches (K, 2), (K, 2); zero where there is none.
-
-    To first order, all matches weighing the same. The length of the baseline moves nothing and has no variance.
-    """
+def share(fit: PoseFit) -> Array:
+    """(6, 6) what `Camera.cov` adds to the covariance of the pose; zero where no camera has one."""
     total = np.zeros((6, 6))
-    for which in groups(cameras):
-        cov = cameras[which[0]].cov
+    for which in groups(fit.cameras):
+        cov = fit.cameras[which[0]].cov
         sigma = np.zeros(len(PARAMETERS)) if cov is None else np.sqrt(np.diag(cov))
         if cov is None or not (named := np.flatnonzero(sigma > 0)).size:
             continue
-        step = _made_up(a, b, cameras, pose, which, {PARAMETERS[k]: float(sigma[k]) for k in named})
+        step = fit.step(fit.moved(which, {PARAMETERS[k]: float(sigma[k]) for k in named}))
         total += step @ (cov[np.ix_(named, named)] / np.outer(sigma[named], sigma[named])) @ step.T
     return total
 
 
-def unknown_words(a: Array, b: Array, cameras: Cameras, pose: Pose) -> str:
+def unknown_words(fit: PoseFit) -> str:
     """What cameras without a covariance may do to the pose; empty where all have one."""
-    blind = [which for which in groups(cameras) if cameras[which[0]].cov is None]
-    if not blind:
+    steps = [
+        fit.step(fit.moved(which, {"focal_px": 0.01 * fit.cameras[which[0]].focal_px, "aspect": 0.01}))[:3]
+        for which in groups(fit.cameras) if fit.cameras[which[0]].cov is None
+    ]  # fmt: skip
+    if not steps:
         return ""
-    turned = []
-    for name, of_all in (("focal_px", cameras[blind[0][0]].focal_px), ("aspect", 1.0)):
-        steps = [_made_up(a, b, cameras, pose, which, {name: 0.01 * of_all})[:3] for which in blind]
-        turned.append(float(np.degrees(np.sqrt(sum((step**2).sum() for step in steps)))))
+    focal, aspect = np.degrees(np.sqrt((np.array(steps) ** 2).sum(axis=(0, 1)))).tolist()
     return (
         "the camera has no covariance, so that of the pose takes it as exact: a focal length 1 % off turns the second "
-        f"camera by {g1(turned[0])} deg, an aspect 1 % off by {g1(turned[1])} deg, and the matches may fit as well"
+        f"camera by {g1(focal)} deg, an aspect 1 % off by {g1(aspect)} deg, and the matches may fit as well"
     )
-
-
-def _made_up(
-    a: Array, b: Array, cameras: Cameras, pose: Pose, which: Sequence[int], sigmas: Mapping[str, float]
-) -> Array:  # fmt: skip
-    """(6, P) the step of the pose with which the matches fit again when a parameter is changed by its sigma."""
-    slopes = distances(a, b, cameras, pose)[1]
-    size = np.linalg.norm(slopes, axis=0)
-    left, value, right = np.linalg.svd(slopes / size, full_matrices=False)
-    columns = moved(a, b, cameras, pose, which, sigmas)
-    return np.asarray(-(right[:5].T @ ((left[:, :5].T @ columns) / value[:5, None])) / size[:, None])

@@ -12,7 +12,7 @@ from windmark.geometry.two_view import epipoles
 from windmark.scene import Detections
 from windmark.tasks.clicked_pair.clicks import SNAP_PX, Clicks, snapped
 from windmark.tasks.clicked_pair.geometry import Geometry, Job
-from windmark.tasks.clicked_pair.interior import share, unknown_words
+from windmark.tasks.clicked_pair.interior import PoseFit, share, unknown_words
 from windmark.tasks.clicked_pair.result import ClickedPair
 
 Array = NDArray[np.float64]
@@ -76,9 +76,9 @@ def clicked_pair(
     click_px[use] = job.distance(geometry, first, second)
     pose_cov = geometry.pose_cov
     if cameras is not None and geometry.pose is not None and pose_cov is not None:
-        matched = spots_a.xy[spot_a], spots_b.xy[spot_b]
-        pose_cov = pose_cov + share(*matched, cameras, geometry.pose)
-        said = (*said, *filter(None, [unknown_words(*matched, cameras, geometry.pose)]))
+        fit = PoseFit(spots_a.xy[spot_a], spots_b.xy[spot_b], cameras, geometry.pose)
+        pose_cov = pose_cov + share(fit)
+        said = (*said, *filter(None, [unknown_words(fit)]))
     with np.errstate(divide="ignore", invalid="ignore"):
         end_a, end_b = (e[:2] / e[2] for e in epipoles(geometry.matrix))
     return ClickedPair(
