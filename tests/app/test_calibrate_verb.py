@@ -131,6 +131,9 @@ def test_the_grid_tells_how_discs_are_bent(windmark, plate, undrawn, monkeypatch
     io.write_mesh(folder / "dome.stl", Mesh.make(dome, structured_triangles(41, 41)))
     on = np.column_stack([rough.xyz[:, :2], -(rough.xyz[:, :2] ** 2).sum(axis=1) / (20 * size)])
     up = np.column_stack([on[:, :2] / (10 * size), np.ones(len(on))])
+    done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
+    assert done.code != 0
+    assert "no marker of the table has a normal and a radius" in done.err
     table = MarkerSet.make(rough.name, on, radius=size / 20, normal=up)
     io.write_markers(folder / "rough.csv", table)
     call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")

@@ -34,7 +34,7 @@ from windmark.pipeline.calibrate import (
     write_calibration,
 )
 from windmark.pipeline.clock import Clock
-from windmark.pipeline.grid import with_curvature
+from windmark.pipeline.grid import curved_by
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.verdict import Verdict
 from windmark.pipeline.verdict.network import calibrate_verdict
@@ -174,7 +174,7 @@ def _solve(
     lengths = files.lengths
     markers = lengths.markers(files.markers, **({"roles": files.roles} if files.roles else {}))
     if files.grid is not None:
-        markers = with_curvature(markers, lengths.mesh(files.grid))
+        markers = curved_by(markers, files.grid, lengths)
     if files.control_cov is not None:
         settings = _known_together(settings, lengths.covariance(files.control_cov, markers))
     check_asked(markers, settings)  # before pictures are searched

@@ -21,7 +21,7 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.errors import g3
 from windmark.geometry import Camera
-from windmark.pipeline.grid import with_curvature
+from windmark.pipeline.grid import curved_by
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.same_run import made_with
 from windmark.pipeline.track_files import FollowOptions, first_state
@@ -69,7 +69,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     unit, lengths = wishes.unit, Lengths(wishes.unit)
     roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
     markers, camera = lengths.markers(wishes.markers, roles), console.read_lens(wishes.camera)
-    markers = with_curvature(markers, None if wishes.grid is None else lengths.mesh(wishes.grid))
+    markers = markers if wishes.grid is None else curved_by(markers, wishes.grid, lengths)
     prior = None if wishes.prior is None else lengths.camera(wishes.prior).cam_from_model
     console.notes(lengths)
     if wishes.prior is not None and prior is None:

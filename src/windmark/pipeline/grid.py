@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 
 from windmark import io, resection
 from windmark.errors import WindmarkError
@@ -52,3 +55,17 @@ def with_curvature(markers: MarkerSet, mesh: Mesh | None) -> MarkerSet:
         return markers
     form = surface_curvature(mesh.vertices, mesh.triangles, markers.xyz, markers.normal, markers.radius)
     return replace(markers, curvature=form)
+
+
+def curved_by(markers: MarkerSet, grid: Path, lengths: Lengths) -> MarkerSet:
+    """`with_curvature` by a grid that is given for nothing else.
+
+    Raises
+    ------
+    FileError
+        When the grid cannot be read, is in another unit, or can do nothing: no marker has a normal and a radius.
+    """
+    mesh = lengths.mesh(grid)
+    if not (np.isfinite(markers.normal).all(axis=1) & np.isfinite(markers.radius)).any():
+        raise io.FileError(grid, "does nothing as --grid: no marker of the table has a normal and a radius")
+    return with_curvature(markers, mesh)
