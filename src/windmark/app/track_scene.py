@@ -9,6 +9,7 @@ import numpy as np
 from windmark.app.residual_shifts import SeenBy, residual_shifts
 from windmark.app.run_scene import markers_shown
 from windmark.app.scene3d import STATION_COLOURS, Cut, Frames, Scene3D, Shifts, Station, looking_over
+from windmark.app.standing_scene import spread
 from windmark.errors import g2
 from windmark.geometry import Camera
 from windmark.pipeline.track_results import PoseRow
@@ -23,7 +24,7 @@ def track_scene(rows: Sequence[PoseRow], markers: MarkerSet, camera: Camera, uni
     located = [row for row in rows if row.cam_from_model is not None]
     if not located:
         return None
-    chosen = [rows[k] for k in np.unique(np.linspace(0, len(rows) - 1, min(len(rows), MOST)).round().astype(int))]
+    chosen = [rows[k] for k in spread(len(rows), len(markers), MOST)]
     stations: list[tuple[Station, ...]] = []
     shifts: list[Shifts | None] = []
     for row in chosen:
