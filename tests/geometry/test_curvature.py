@@ -87,6 +87,19 @@ def test_what_is_not_told_is_flat():
         np.testing.assert_allclose(form, 0, atol=1e-9)
 
 
+def test_nodes_that_are_nowhere_tell_nothing():
+    """Of a grid with holes: those beside one are left out, too, the others count."""
+    nodes, triangles = tube()
+    xyz, normal = on_tube()
+    far = np.argmax(np.linalg.norm(nodes - xyz[0], axis=1))
+    near = np.argmin(np.linalg.norm(nodes - xyz[0], axis=1))
+    whole = surface_curvature(nodes, triangles, xyz, normal, np.full(len(xyz), 3.0))
+    nodes[[far, near]] = np.nan
+    form = surface_curvature(nodes, triangles, xyz, normal, np.full(len(xyz), 3.0))
+    assert np.isfinite(form).all()
+    np.testing.assert_array_equal(form[1:], whole[1:])
+
+
 def test_a_grid_of_a_marker_s_own_size_turns_too_much():
     nodes, triangles = tube()
     xyz, normal = on_tube(1)

@@ -70,7 +70,8 @@ def surface_curvature(
         )
     out = np.zeros((len(place), 3, 3))
     asked = np.flatnonzero(np.isfinite(np.column_stack([place, up, r])).all(axis=1) & (r > 0))
-    used = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(vertices)))  # others may hold anything
+    count = np.bincount(triangles.ravel(), minlength=len(vertices))  # other nodes may hold anything
+    used = np.flatnonzero((count > 0) & np.isfinite(vertices).all(axis=1))
     if len(asked) and len(used) >= FEWEST:
         grid = _Nodes(vertices, triangles, used)
         for k in asked.tolist():
