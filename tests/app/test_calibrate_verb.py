@@ -136,9 +136,19 @@ def test_the_grid_tells_how_discs_are_bent(windmark, plate, undrawn, monkeypatch
     assert "no marker of the table has a normal and a radius" in done.err
     table = MarkerSet.make(rough.name, on, radius=size / 20, normal=up)
     io.write_markers(folder / "rough.csv", table)
-    call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
+    done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
+    assert "off its surface" not in done.err
     bend = np.linalg.eigvalsh(given[0].curvature)
     np.testing.assert_allclose(bend[:, 1:] * 10 * size, 1, atol=0.1)
+    away = on + np.where(np.arange(len(on)) < 3, size / 10, 0)[:, None] * [0, 0, 1]
+    io.write_markers(folder / "rough.csv", MarkerSet.make(rough.name, away, radius=size / 20, normal=up))
+    done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
+    assert f"3 of {len(on)} markers are over their radius off its surface; their discs count as flat" in done.err
+    np.testing.assert_array_equal(given[-1].curvature[:3], 0)
+    far = np.add(on, [0, 0, size])
+    io.write_markers(folder / "rough.csv", MarkerSet.make(rough.name, far, radius=size / 20, normal=up))
+    done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
+    assert (done.code, "dome.stl: does nothing as --grid: " in done.err) == (2, True), done.err
     done = windmark("calibrate", folder / "matches.csv", "--board", 3, "--unit", "mm", "-g", folder / "dome.stl")
     assert done.code == 2
     assert "a board is flat" in done.err

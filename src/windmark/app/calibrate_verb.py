@@ -174,7 +174,9 @@ def _solve(
     lengths = files.lengths
     markers = lengths.markers(files.markers, **({"roles": files.roles} if files.roles else {}))
     if files.grid is not None:
-        markers = curved_by(markers, files.grid, lengths)
+        markers, said = curved_by(markers, files.grid, lengths)
+        if said:
+            console.note(files.grid, said)
     if files.control_cov is not None:
         settings = _known_together(settings, lengths.covariance(files.control_cov, markers))
     check_asked(markers, settings)  # before pictures are searched

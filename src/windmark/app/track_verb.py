@@ -69,7 +69,10 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     unit, lengths = wishes.unit, Lengths(wishes.unit)
     roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
     markers, camera = lengths.markers(wishes.markers, roles), console.read_lens(wishes.camera)
-    markers = markers if wishes.grid is None else curved_by(markers, wishes.grid, lengths)
+    if wishes.grid is not None:
+        markers, said = curved_by(markers, wishes.grid, lengths)
+        if said:
+            console.note(wishes.grid, said)
     prior = None if wishes.prior is None else lengths.camera(wishes.prior).cam_from_model
     console.notes(lengths)
     if wishes.prior is not None and prior is None:

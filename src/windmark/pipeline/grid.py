@@ -57,15 +57,23 @@ def with_curvature(markers: MarkerSet, mesh: Mesh | None) -> MarkerSet:
     return replace(markers, curvature=form)
 
 
-def curved_by(markers: MarkerSet, grid: Path, lengths: Lengths) -> MarkerSet:
-    """`with_curvature` by a grid that is given for nothing else.
+def curved_by(markers: MarkerSet, grid: Path, lengths: Lengths) -> tuple[MarkerSet, str]:
+    """`with_curvature` by a grid that is given for nothing else, and what is to be said of it ("": nothing).
 
     Raises
     ------
     FileError
-        When the grid cannot be read, is in another unit, or can do nothing: no marker has a normal and a radius.
+        When the grid cannot be read, is in another unit, or can do nothing: no marker has a normal and a radius, or
+        none lies within its radius of the surface.
     """
     mesh = lengths.mesh(grid)
-    if not (np.isfinite(markers.normal).all(axis=1) & np.isfinite(markers.radius)).any():
+    known = np.isfinite(markers.normal).all(axis=1) & np.isfinite(markers.radius)
+    if not known.any():
         raise io.FileError(grid, "does nothing as --grid: no marker of the table has a normal and a radius")
-    return with_curvature(markers, mesh)
+    asked = np.flatnonzero(known & (markers.role != "wall"))  # those of walls are on no grid of a model
+    near = resection.nearest_on_surface(mesh, markers.xyz[asked], max_distance=float(markers.radius[known].max()))
+    flat = int((~(near.distance <= markers.radius[asked])).sum())
+    said = f"{flat} of {len(asked)} markers are over their radius off its surface; their discs count as flat"
+    if flat == len(asked):
+        raise io.FileError(grid, f"does nothing as --grid: {said}")
+    return with_curvature(markers, mesh), said if flat else ""
