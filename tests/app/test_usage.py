@@ -2,10 +2,13 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import pytest
 import typer.main
 
+import windmark
 from windmark.app import console
 from windmark.app.cli import app
 from windmark.app.commands.usage import worded
@@ -90,3 +93,13 @@ def test_a_pattern_of_several_pictures_where_one_is_wanted(windmark, tmp_path, m
     done = windmark(*words)
     assert done.code == 2
     assert "P*.tif: 2 files match this pattern, P01.tif to P02.tif; expected one picture: name it" in done.err
+
+
+def test_python_m_is_the_command():
+    """On Windows the folder of scripts is often not on the path."""
+    done = subprocess.run([sys.executable, "-m", "windmark", "-V"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"windmark {windmark.__version__}\n"
+    done = subprocess.run([sys.executable, "-m", "windmark", "detect"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "windmark detect" in done.stderr
+    assert "__main__" not in done.stderr

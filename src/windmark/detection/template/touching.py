@@ -75,7 +75,7 @@ def _swept(scene: Scene, request: Request, done: Fitted, index: Ints, joint: Int
             rows = np.flatnonzero(asked[w.index])
             if rows.size:
                 mine, patches = index[w.index[rows]], w.patches[rows]
-                which, column = np.nonzero(joint[w.index[rows]] >= 0)
+                which, column = map(np.ascontiguousarray, np.nonzero(joint[w.index[rows]] >= 0))
                 seen = seen_from(scene, done, joint[w.index[rows]][which, column], mine[which])
                 take_away(patches, w.weights[rows], which, seen, float(scene.multiplicative))
                 done.put(mine, w.fit(rows, done.states[mine], patches))
