@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,23 +17,29 @@ KELVIN_PER_COUNT = 0.01
 EVEN_K = (290.0, 322.0)
 """Black bodies that fill the view, from which pixels are made equal."""
 _C1, _C2 = 1.191042972e8, 1.438776877e4  # W um^4 / (m2 sr), um K
-_UM = np.linspace(*BAND_um, 401)
 
 
 def band_radiance(temperature: ArrayLike) -> Array:
     """Black body at temperatures (...) in K, W / (m2 sr) in the band: Planck's law by Simpson's rule, tabulated."""
-    return np.asarray(np.interp(np.asarray(temperature, dtype=float), _KELVIN, _RADIANCE))
+    return np.asarray(np.interp(np.asarray(temperature, dtype=float), *_table()))
 
 
-def _planck(temperature: Array) -> Array:
-    from scipy.integrate import simpson
+@cache
+def _table() -> tuple[Array, Array]:
+    """Temperatures and their radiance; made when it is asked for, as it takes a quarter of a second."""
+    kelvin = np.linspace(200.0, 500.0, 60_001)
+    um, weight = np.linspace(*BAND_um, 401), np.full(401, 2.0)
+    weight[1::2], weight[[0, -1]] = 4.0, 1.0  # Simpson's
+    total = np.zeros(len(kelvin))
+    for length, part in zip(um.tolist(), (weight * (um[1] - um[0]) / 3).tolist(), strict=True):
+        total += part * _C1 / length**5 / np.expm1(_C2 / (length * kelvin))
+    return kelvin, total
 
-    return np.asarray(simpson(_C1 / _UM**5 / np.expm1(_C2 / (_UM * temperature[:, None])), x=_UM, axis=1))
 
-
-_KELVIN = np.linspace(200.0, 500.0, 60_001)
-_RADIANCE = _planck(_KELVIN)
-_NEAR_300 = float(band_radiance(300.5) - band_radiance(299.5))
+@cache
+def _near_300() -> float:
+    """Radiance of a kelvin at 300 K."""
+    return float(band_radiance(300.5) - band_radiance(299.5))
 
 
 @dataclass(frozen=True)
@@ -62,8 +69,8 @@ class ThermalCamera:
         """Pixels as unequal as ``unequal_K`` at 300 K, in columns as much as alone; half a percent in their gain."""
         shape = size_px[::-1]
         uneven = rng.standard_normal(shape) + rng.standard_normal((1, shape[1]))
-        offset = unequal_K * _NEAR_300 * uneven / np.sqrt(2)
-        return ThermalCamera(kind, offset, 1 + 0.005 * rng.standard_normal(shape), netd_K * _NEAR_300)
+        offset = unequal_K * _near_300() * uneven / np.sqrt(2)
+        return ThermalCamera(kind, offset, 1 + 0.005 * rng.standard_normal(shape), netd_K * _near_300())
 
     def expose(self, light: ArrayLike, rng: np.random.Generator) -> Picture:
         """The picture of light (H, W), W / (m2 sr)."""
@@ -78,11 +85,11 @@ class ThermalCamera:
         """Kelvin, mean count of the view and its sigma, of black bodies that are 0.02 K off what is said of them."""
         for t in np.asarray(temperatures, dtype=float):
             true = float(band_radiance(t + 0.02 * rng.standard_normal()))
-            yield float(t), self.counts[0] + self.counts[1] * true, 0.02 * _NEAR_300 * self.counts[1]
+            yield float(t), self.counts[0] + self.counts[1] * true, 0.02 * _near_300() * self.counts[1]
 
     def _numbers(self, light: Array) -> Picture:
         if self.kind == "counts":
             levels = self.counts[0] + self.counts[1] * light
         else:
-            levels = np.interp(light, _RADIANCE, _KELVIN) / KELVIN_PER_COUNT
+            levels = np.interp(light, *_table()[::-1]) / KELVIN_PER_COUNT
         return np.clip(np.rint(levels), 0, 16383 if self.kind == "counts" else 65535).astype(np.uint16)
