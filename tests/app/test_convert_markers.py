@@ -169,3 +169,21 @@ def test_wrong_pairs_and_numbers_of_files(windmark, table, tmp_path):
     assert "no such file" in windmark("convert", tmp_path / "none.csv", tmp_path / "a.tgts").err
     assert windmark("convert", table, tmp_path / "a.tgts", "--orientation", "auto").code == 2
     assert [p.name for p in tmp_path.iterdir()] == ["m.csv"]
+
+
+def test_a_table_of_another_program_by_the_names_of_its_columns(windmark, tmp_path):
+    (tmp_path / "list.txt").write_text("made elsewhere\nP X Y Z rays\nT1 0,5 400 -2,25 12\nT2 100 0 7 9\n")
+    bare = windmark("convert", tmp_path / "list.txt", tmp_path / "m.csv")
+    assert bare.code == 2
+    assert "--columns names its columns" in bare.err
+    done = windmark("convert", tmp_path / "list.txt", tmp_path / "m.csv", "--columns", "name,x,y,z,-", "--unit", "mm")
+    assert done.code == 0, done.err
+    assert "list.txt (text): 2 markers" in done.out
+    assert "lost: 2 lines before the first row: 'made elsewhere', 'P X Y Z rays'" in done.out
+    markers = io.read_markers(tmp_path / "m.csv")
+    assert markers.length_unit == "mm"
+    np.testing.assert_array_equal(markers.xyz, [[0.5, 400, -2.25], [100, 0, 7]])
+    with pytest.raises(io.FileError, match="windmark convert --columns makes such a table of others"):
+        io.read_markers(tmp_path / "list.txt")
+    image = windmark("convert", tmp_path / "list.txt", tmp_path / "m.csv", "--as", "grid", "--columns", "name,x,y,z")
+    assert (image.code, "--columns is for markers" in image.err) == (2, True)

@@ -29,8 +29,10 @@ ELSEWHERE = {
     "windmark psp my-polar/psp.toml --scheduler tcp://10.0.0.7:8786": "needs a cluster (test_psp_cluster)",
     "windmark deform my-wing/deform.toml --resume": "needs a run that was stopped (test_deform_resume)",
     "windmark deform my-wing/deform.toml --finish": "needs a run that was stopped (test_deform_resume)",
+    "windmark convert targets.txt markers.csv --columns name,x,y,z,sigma_x,sigma_y,sigma_z,- --unit mm":
+        "needs the list of another program (test_convert_markers)",
     "windmark warmup": "compiles for minutes where nothing is compiled (test_warmup)",
-}
+}  # fmt: skip
 """What cannot run here, and why; the test that sees to it."""
 DRAWN = {"README.md", "first-test.md"}
 """Pages whose reports get their pictures; those of each verb are drawn in its own tests."""

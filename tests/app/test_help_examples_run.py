@@ -63,6 +63,10 @@ def tunnel(desk, windmark):
                  "convert camera.json camera.xml", "convert markers.csv targets.tgts --unit mm --to-unit in",
                  "run my-test/project.toml"):  # fmt: skip
         assert windmark(*line.split()).code == 0, line
+    rows = [
+        f"{m} {x:.4f} {y:.4f} {z:.4f} 12 0.03" for m, (x, y, z) in enumerate(io.read_markers(desk / "markers.csv").xyz)
+    ]
+    (desk / "targets.txt").write_text("\n".join(["point X Y Z rays rms", *rows]), encoding="utf-8")
     posed, other = "run12-registration/run12/camera.json", "my-test/truth/wind-on-camera.json"
     shutil.copy(desk / "camera.json", desk / "interior.json")
     shutil.copy(desk / posed, desk / "posed.json")

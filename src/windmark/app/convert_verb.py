@@ -28,7 +28,7 @@ OPTIONS_OF = {
     "which": ("camera",), "no_pose": ("camera",), "unit": ("camera", "grid", "markers"),
     "to_unit": ("camera", "grid", "markers"), "volume": ("grid",), "volume_face": ("grid",), "orientation": ("grid",),
     "plot3d": ("grid",), "from_plot3d": ("grid",), "values": ("grid",), "frames": ("pictures",),
-    "pictures": ("pictures",),
+    "pictures": ("pictures",), "columns": ("markers",),
 }  # fmt: skip
 """What each option is for; given with another kind of source it is an error."""
 _NAMES = {"from_format": "from", "to_format": "to"}
@@ -48,7 +48,8 @@ class Wishes:
 
 def convert(sources: list[Path], target: Path, wishes: Wishes, as_json: bool) -> None:
     """Convert the sources, say what came of it."""
-    kinds = [kind_of(source, wishes.said) for source in sources]
+    said = wishes.said or ("markers" if wishes.typed.get("columns") else None)
+    kinds = [kind_of(source, said) for source in sources]
     kind = kinds[0]
     if len(set(kinds)) > 1 or (len(sources) > 1 and kind != "pictures"):
         which = ", ".join(f"{path} ({WORDS[k]})" for path, k in zip(sources, kinds, strict=True))
@@ -82,7 +83,7 @@ def _grid(sources: list[Path], target: Path, wishes: Wishes) -> Record:
 
 
 def _markers(sources: list[Path], target: Path, wishes: Wishes) -> Record:
-    return convert_markers(sources[0], target, MarkerOptions(**wishes.of("unit", "to_unit")))
+    return convert_markers(sources[0], target, MarkerOptions(**wishes.of("unit", "to_unit", "columns")))
 
 
 def _pictures(sources: list[Path], target: Path, wishes: Wishes) -> Record:

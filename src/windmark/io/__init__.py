@@ -37,6 +37,7 @@ from windmark.io.images import (
     write_image,
     write_images,
 )
+from windmark.io.listed import read_listed_markers
 from windmark.io.marker_covariance import read_marker_covariance, write_marker_covariance
 from windmark.io.markers import read_marker_unit, read_markers, write_markers
 from windmark.io.masks import read_mask
@@ -77,7 +78,8 @@ __all__ = [
     "ResultFolder", "result_folder", "reason", "witness", "atomic_paths", "try_paths",
     "is_camera_text", "atomic_folder", "atomic_path", "atomic_write", "from_mosaic", "read_detection_names",
     "read_camera", "read_camera_file", "read_colmap", "write_colmap", "written_camera_format",
-    "read_detections", "read_json", "read_markers", "read_matches", "read_modes", "read_points", "read_table",
+    "read_detections", "read_json", "read_listed_markers", "read_markers", "read_matches", "read_modes", "read_points",
+    "read_table",
     "Plot3dLayout", "detect_plot3d", "read_mesh", "read_nodes_netcdf", "read_plot3d", "read_plot3d_function",
     "read_tecplot", "write_collection", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk",
     "write_plot3d", "write_plot3d_function", "write_tecplot",

@@ -153,14 +153,14 @@ def _number(cell: str) -> float:
 
 def read_table(
     path: Pathlike, *, required: Sequence[str], known: Sequence[str] | None, lengths: Sequence[str] = (),
-    plain: Sequence[str] = (),
+    plain: Sequence[str] = (), otherwise: str = "",
 ) -> Table:  # fmt: skip
     """Read a table with a header line.
 
     Columns may come in any order and case, those ``required`` and others that are ``known`` (None: any), separated by
     comma, semicolon or tab (as the header is). The header may have a unit behind ``lengths`` (``x [mm]``), and empty
     brackets behind columns that are ``plain``. Blank lines and lines that start with ``#`` are skipped. UTF-8, with or
-    without byte order mark.
+    without byte order mark. ``otherwise``: what to do where a required column is missing.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def read_table(
     line, header = next(rows)
     header_cells = tuple(cell.lower() for cell in _without_empty_end(header))
     columns, length_unit = split_units(path, line, header_cells, lengths, plain)
-    _check_header(path, line, columns, required, known)
+    _check_header(path, line, columns, required, known, otherwise)
     packed = _Packed(len(columns))
     for line, row in rows:
         row = _fitted(row, len(columns))
@@ -188,6 +188,16 @@ def read_table(
             raise FileError(path, what, line)
         packed.add(line, row)
     return Table(path, columns, *packed.done(), length_unit)
+
+
+def table_of(path: Pathlike, columns: tuple[str, ...], rows: Sequence[list[str]], lines: Sequence[int]) -> Table:
+    """A table of cells that were read otherwise; ``lines`` (N,) on which the rows start."""
+    packed = _Packed(len(columns))
+    for line, row in zip(lines, rows, strict=True):
+        if any(BETWEEN in cell for cell in row):
+            raise FileError(path, "holds a zero byte; expected text", line)
+        packed.add(line, row)
+    return Table(path, columns, *packed.done())
 
 
 class _Packed:
@@ -229,13 +239,15 @@ def _fitted(row: list[str], n: int) -> list[str]:
 
 
 def _check_header(
-    path: Pathlike, line: int, columns: tuple[str, ...], required: Sequence[str], known: Sequence[str] | None
-) -> None:
+    path: Pathlike, line: int, columns: tuple[str, ...], required: Sequence[str], known: Sequence[str] | None,
+    otherwise: str,
+) -> None:  # fmt: skip
     listed = f"the columns are {','.join(known or required)}"
     there, allowed = Counter(columns), None if known is None else set(known)
     for column in required:
         if column not in there:
-            raise FileError(path, f"no column {column!r} in the header {','.join(columns)!r}; {listed}", line)
+            what = f"no column {column!r} in the header {','.join(columns)!r}"
+            raise FileError(path, f"{what}; {listed}{otherwise}", line)
     for column in columns:
         if allowed is not None and column not in allowed:
             raise FileError(path, f"unknown column {column!r}; {listed}", line)

@@ -155,7 +155,14 @@ def _columns(names: tuple[str, ...], values: Array) -> dict[str, NDArray]:
 
 
 def _read_csv(path: Pathlike) -> MarkerSet:
-    table = read_table(path, required=("name", *XYZ), known=COLUMNS, lengths=(*XYZ, "radius", *SIGMA), plain=NORMAL)
+    return marker_set_of(read_table(
+        path, required=("name", *XYZ), known=COLUMNS, lengths=(*XYZ, "radius", *SIGMA), plain=NORMAL,
+        otherwise=" (windmark convert --columns makes such a table of others)",
+    ))  # fmt: skip
+
+
+def marker_set_of(table: Table) -> MarkerSet:
+    """The markers of a table with columns among `COLUMNS`, all roles; `FileError` names the line of a bad cell."""
     names = table.names()
     xyz = np.stack([table.numbers(column) for column in XYZ], axis=1)
     normal = table.together(*NORMAL)

@@ -178,7 +178,7 @@ def _text(source: Path, text: str) -> Guess:
         return Guess(("camera",))
     if suffix == ".csv" and io.is_recording(source):  # a table of an infrared camera, words at its head
         return Guess(("pictures",))
-    return Guess((), "text of no known form")
+    return Guess((), "text of no known form (of markers: --columns names its columns)")
 
 
 def _numbers(source: Path, suffix: str, lines: list[str]) -> Guess:
@@ -191,5 +191,5 @@ def _numbers(source: Path, suffix: str, lines: list[str]) -> Guess:
     cells = {len([c for c in re.split(r"[,;\s]+", line.strip()) if c]) for line in lines[:20]}
     if suffix == ".csv" and len(cells) == 1 and max(cells) >= _LEAST_WIDE and io.is_recording(source):
         kinds.append("pictures")
-    what = f"a table of {max(cells)} numbers per line without a header (markers have name,x,y,z there)"
+    what = f"a table of {max(cells)} numbers per line without a header (of markers: --columns names them)"
     return Guess(tuple(kinds), "" if kinds else what)

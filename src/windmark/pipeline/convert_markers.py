@@ -19,10 +19,13 @@ SUFFIXES = (".csv", ".tgts")
 
 @dataclass(frozen=True)
 class MarkerOptions:
-    """How a marker table is converted: the source's length unit where it says none, and the one wanted."""
+    """How a marker table is converted: the source's length unit where it says none, and the one wanted; the names of
+    its columns where it is no table of windmark's (`io.read_listed_markers`).
+    """
 
     unit: str | None = None
     to_unit: str | None = None
+    columns: tuple[str, ...] = ()
 
 
 def convert_markers(source: Path, target: Path, options: MarkerOptions) -> Record:
@@ -39,8 +42,11 @@ def convert_markers(source: Path, target: Path, options: MarkerOptions) -> Recor
     FileError
         For a file that cannot be read or written.
     """
-    markers = io.read_markers(source, roles=None)
-    from_tgts = source.suffix.lower() == ".tgts"
+    from_tgts, before = source.suffix.lower() == ".tgts" and not options.columns, list[str]()
+    if options.columns:
+        markers, before = io.read_listed_markers(source, options.columns)
+    else:
+        markers = io.read_markers(source, roles=None)
     unit = source_unit(source, io.read_marker_unit(source), options.unit)
     factor, unit = scale_to(source, unit, options.to_unit)
     if factor != 1.0:
@@ -54,11 +60,15 @@ def convert_markers(source: Path, target: Path, options: MarkerOptions) -> Recor
         lost, harm, off = _compared(target, markers, again)
     if from_tgts:
         lost.insert(0, "zone, i and j, the entries' places in the grid file")
+    if before:
+        some = ", ".join(repr(line[:60]) for line in before[:3])
+        lost.append(f"{len(before)} line{'s' * (len(before) > 1)} before the first row: {some}")
     if not unit:
         lost.append("nothing says the length unit: --unit writes it as a comment")
     roles, counts = np.unique(markers.role, return_counts=True)
     return {
-        "kind": "markers", "input": source, "from": _format(source), "output": target, "to": _format(target),
+        "kind": "markers", "input": source,
+        "from": "text" if options.columns else _format(source), "output": target, "to": _format(target),
         "markers": len(markers), "roles": dict(zip(roles.tolist(), counts.tolist(), strict=True)),
         "with_normal": int(np.isfinite(markers.normal).all(axis=1).sum()),
         "with_radius": int(np.isfinite(markers.radius).sum()), "length_unit": unit or None, "scale": factor,

@@ -15,7 +15,9 @@ from windmark.errors import UsageError
 EPILOG = (
     "Examples: windmark convert camera.xml camera.json; windmark convert wing.grid wing.vtp --unit mm;"
     " windmark convert wing.grid wing-in.grid --unit mm --to-unit in --plot3d big,double;"
-    " windmark convert targets.tgts markers.csv --unit in; windmark convert run.cine run.h5 --frames 0:100;"
+    " windmark convert targets.tgts markers.csv --unit in;"
+    " windmark convert targets.txt markers.csv --columns name,x,y,z,-,- --unit mm;"
+    " windmark convert run.cine run.h5 --frames 0:100;"
     " windmark convert a.tif b.tif stack.tif"
 )
 
@@ -37,6 +39,15 @@ def convert(
         typer.Option(
             "--as",
             help="What the source is, where that is open: camera, grid, markers, pictures.",
+            rich_help_panel=INPUT,
+        ),
+    ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            help="What the columns of a table of markers from elsewhere are, with commas: name,x,y,z and any of"
+            " nx,ny,nz,radius,volume,role,sigma_x,sigma_y,sigma_z; - for one that is left out. Separated by"
+            " semicolon, tab, comma or spaces; lines before the first row are left out.",
             rich_help_panel=INPUT,
         ),
     ] = None,
@@ -143,5 +154,6 @@ def convert(
             "pixel_mm": tuple(pixel_mm or ()), "which": which, "no_pose": no_pose, "volume": tuple(volume or ()),
             "volume_face": volume_face, "orientation": orientation, "plot3d": plot3d, "from_plot3d": from_plot3d,
             "values": values, "frames": frames, "pictures": pictures,
+            "columns": tuple(columns.split(",")) if columns is not None else (),
         }  # fmt: skip
         convert_verb.convert(paths[:-1], paths[-1], convert_verb.Wishes(said, typed), as_json)
