@@ -62,3 +62,30 @@ def test_few_are_asked_about_too(draw):
     assert len(found) == 2
     assert wd.hint(image, options, len(found)) == "bright markers: 15 found with `--polarity bright`"
     assert wd.hint(image, {**options, "polarity": "bright"}, 15) == ""
+
+
+def test_a_few_discs_among_many_spots_of_another_shape_are_not_taken_for_all(draw):
+    """Balls that are lit from the side: the eight that look like discs were all that is there, without a word."""
+    places = [(24.3 + 25 * i, 26.6 + 25 * j) for i in range(8) for j in range(5)]
+    image = 120.0 - draw((150, 225), [(*p, 5.0) for p in places], blur=1, background=120.0, depth=60.0)
+    y, x = np.mgrid[:150, :225]
+    for cx, cy in places[8:]:
+        image *= np.where(np.hypot(x - cx, y - cy) < 9, 1 + 0.7 * np.clip((x - cx) / 5, -1, 1), 1)
+    image += 20 + np.random.default_rng(1).normal(0, 1, image.shape)
+    options = {"radius_px": 5.0, "polarity": "bright"}
+    look = wd.find_markers(image, **options)
+    assert len(look.detections) == 8
+    assert look.unlike == 32
+    assert look.is_few
+    words = wd.hint(image, options, len(look.detections))
+    assert words == "spots that are no blurred discs: 40 found with `--refine bowl`"
+
+
+def test_a_few_letters_beside_discs_are_no_reason_to_doubt(draw):
+    discs = [(20.3 + 25 * i, 30.6 + 25 * j, 3.0) for i in range(5) for j in range(3)]
+    image = draw((110, 150), discs, blur=1) + np.random.default_rng(0).normal(0, 1, (110, 150))
+    image[95:101, 40:46] = image[95:101, 80:86] = 60.0  # squares
+    look = wd.find_markers(image, radius_px=3.0)
+    assert len(look.detections) == 15
+    assert 1 <= look.unlike <= 2
+    assert not look.is_few

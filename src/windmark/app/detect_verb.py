@@ -167,9 +167,9 @@ def _detect_one(image: Image, wishes: Wishes) -> _Found:
         why = "; ".join(filter(None, [look.radius.reason, look.words]))
     elif not len(look.detections):
         why = detection.why_none(image, **options)
-    else:  # few are asked about too
+    else:  # few are asked about, too
         count = len(look.detections)
-        why = detection.hint(image, options, count) if count < detection.FEW else ""
+        why = detection.hint(image, options, count) if look.is_few else ""
     return _Found(
         image, mask, look.radii_px, look.radius, look.detections, look.rejected,
         picture_state(image, look.detections, look.polarity), why, look.polarity, look.words,

@@ -122,4 +122,4 @@ def explain(image: ArrayLike, **options: Any) -> tuple[Detections, Rejected]:
     if options.get("polarity") == "auto":
         look = find_markers(image, rejected=True, **options)
         return look.detections, look.rejected or Rejected.none()
-    return examine(image, Options(**options), why=True)
+    return examine(image, Options(**options), why=True)[:2]

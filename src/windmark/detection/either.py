@@ -36,6 +36,7 @@ class Look:
     radii_px : the radii that were looked for, empty where none prevails
     rejected : what was looked at but not taken, where that was asked for
     words : what "auto" decided, where that is not the usual thing; else ""
+    unlike : spots as deep and as large as these that are no discs
     """
 
     polarity: str
@@ -44,6 +45,12 @@ class Look:
     radii_px: tuple[float, ...] = ()
     rejected: Rejected | None = None
     words: str = ""
+    unlike: int = 0
+
+    @property
+    def is_few(self) -> bool:
+        """Whether another setting may find the markers: few spots, or as many as deep that are no discs."""
+        return len(self.detections) < FEW or self.unlike >= len(self.detections)
 
 
 def find_markers(image: ArrayLike, *, polarity: str = AUTO, rejected: bool = False, **options: Any) -> Look:
@@ -86,9 +93,9 @@ def _decide(image: ArrayLike, polarity: str, rejected: bool, options: dict[str, 
     bright = len(other.detections)
     if bright >= FEW and _evidence(other.detections) > OUTWEIGH * _evidence(first.detections):
         words = f"bright markers: {bright} found ({dark or 'no'} dark one{'s' * (dark != 1)})"
-        return Look("bright", other.detections, other.radius, other.radii_px, other.rejected, words)
+        return replace(other, words=words)
     words = f"{bright} bright spots beside {dark} dark: say the polarity if they are the markers" if bright else ""
-    return Look("dark", first.detections, first.radius, first.radii_px, first.rejected, words)
+    return replace(first, words=words)
 
 
 def _look(image: ArrayLike, polarity: str, rejected: bool, options: dict[str, Any]) -> Look:
@@ -101,8 +108,8 @@ def _look(image: ArrayLike, polarity: str, rejected: bool, options: dict[str, An
             return Look(polarity, none, estimate)
         options["radius_px"] = estimate.radii_px
     radii = tuple(float(r) for r in np.atleast_1d(options["radius_px"]))
-    found, others = examine(image, Options(**options), why=rejected)
-    return Look(polarity, found, estimate, radii, others if rejected else None)
+    found, others, unlike = examine(image, Options(**options), why=rejected)
+    return Look(polarity, found, estimate, radii, others if rejected else None, unlike=unlike)
 
 
 def _evidence(spots: Detections) -> float:

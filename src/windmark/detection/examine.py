@@ -14,7 +14,7 @@ from windmark.detection.look import look_for
 from windmark.detection.options import FIT_SLACK, Options, check_radii
 from windmark.detection.radius import prevailing
 from windmark.detection.refined import refined, worth_fitting
-from windmark.detection.rejected import ACCEPTED, FAINT, SURPLUS, UNCERTAIN, Rejected
+from windmark.detection.rejected import ACCEPTED, FAINT, MISFIT, OTHER, PART, SURPLUS, UNCERTAIN, Rejected
 from windmark.detection.search import MERIT_SLACK, Bowl
 from windmark.detection.shape import ILL, TOUCHING, Shapes, covariance
 from windmark.detection.spots import Spots, distinct, find_spots
@@ -22,13 +22,18 @@ from windmark.scene import Detections
 
 Array = NDArray[np.float64]
 
+TAKEN, SAME_SIZE, AS_DEEP = (0.1, 0.9), 1.25, 0.5
+"""Quantiles of the radii of spots that are taken; how much smaller or larger others may be that are as large; part of
+their middle depth from which on others are as deep.
+"""
 
-def examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detections, Rejected]:
-    """Find, measure, decide; ``why``: the rejected, too, which are only collected if asked for.
+
+def examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detections, Rejected, int]:
+    """Find, measure, decide; ``why``: the rejected, too, which are only collected if asked for. And `_unlike`.
 
     `detect` and `explain` say what the options are and what comes back; of one polarity, which "auto" is not.
     """
-    nothing = Detections.make(np.empty((0, 2))), Rejected.none()
+    nothing = Detections.make(np.empty((0, 2))), Rejected.none(), 0
     checked = check_image(image)
     prepared = prepare(checked, check_polarity(options.polarity), options.mask) if min(checked.shape) >= 3 else None
     if prepared is None:
@@ -62,7 +67,19 @@ def examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detection
     reason[order[options.max_spots :] if options.max_spots is not None else []] = SURPLUS
     keep = np.arange(len(order))[: options.max_spots]
     result, r0 = result.take(keep), spots.r0[order[keep]]
-    return result, _rejected(prepared, options, radii, r0, result, spots, reason) if why else Rejected.none()
+    rejected = _rejected(prepared, options, radii, r0, result, spots, reason) if why else Rejected.none()
+    return result, rejected, _unlike(found, reason, order[keep])
+
+
+def _unlike(found: Shapes, reason: NDArray[np.int64], taken: NDArray[np.intp]) -> int:
+    """Spots as deep and as large as those taken that are no discs: as many may be the markers themselves, domes or
+    lit pits, and those taken the few of them that look like discs.
+    """
+    if not len(taken):
+        return 0
+    (low, high), deep = np.quantile(found.radius[taken], TAKEN), np.median(found.depth[taken])
+    alike = (found.depth >= AS_DEEP * deep) & (found.radius > low / SAME_SIZE) & (found.radius < high * SAME_SIZE)
+    return int((alike & np.isin(reason, (PART, OTHER, MISFIT))).sum())
 
 
 def _rejected(

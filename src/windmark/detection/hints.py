@@ -50,4 +50,4 @@ def _trials(image: ArrayLike, options: dict[str, Any]) -> Iterator[tuple[dict[st
     if options.get("merit_max", 0.7) < LOOSE_MERIT:
         yield {"merit_max": LOOSE_MERIT}, f"with `--merit-max {LOOSE_MERIT:g}`", "worse discs"
     if options.get("refine", "template") == "template":
-        yield {"refine": "bowl"}, "with `--refine bowl`", "holes that are no blurred discs"
+        yield {"refine": "bowl"}, "with `--refine bowl`", "spots that are no blurred discs"
