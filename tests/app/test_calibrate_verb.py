@@ -125,7 +125,7 @@ def test_the_grid_tells_how_discs_are_bent(windmark, plate, undrawn, monkeypatch
     folder, given, solve = plate[2], [], calibrate_verb._from_table
     monkeypatch.setattr(calibrate_verb, "_from_table", lambda *a: (given.append(a[2]), solve(*a))[1])
     rough = io.read_markers(folder / "rough.csv")
-    size = np.ptp(rough.xyz[:, :2])
+    names, size = rough.name, np.ptp(rough.xyz[:, :2])
     x, y = np.meshgrid(np.linspace(-size, size, 41), np.linspace(-size, size, 41))
     dome = np.column_stack([x.ravel(), y.ravel(), -(x**2 + y**2).ravel() / (20 * size)])
     io.write_mesh(folder / "dome.stl", Mesh.make(dome, structured_triangles(41, 41)))
@@ -134,19 +134,25 @@ def test_the_grid_tells_how_discs_are_bent(windmark, plate, undrawn, monkeypatch
     done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
     assert done.code != 0
     assert "no marker of the table has a normal and a radius" in done.err
-    table = MarkerSet.make(rough.name, on, radius=size / 20, normal=up)
+    table = MarkerSet.make(names, on, radius=size / 60, normal=up)
     io.write_markers(folder / "rough.csv", table)
     done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
     assert "off its surface" not in done.err
     bend = np.linalg.eigvalsh(given[0].curvature)
     np.testing.assert_allclose(bend[:, 1:] * 10 * size, 1, atol=0.1)
-    away = on + np.where(np.arange(len(on)) < 3, size / 10, 0)[:, None] * [0, 0, 1]
-    io.write_markers(folder / "rough.csv", MarkerSet.make(rough.name, away, radius=size / 20, normal=up))
+    rough = on + np.where(np.arange(len(on)) < 3, size / 45, 0)[:, None] * [0, 0, 1]  # over a radius, as tables may be
+    io.write_markers(folder / "rough.csv", MarkerSet.make(names, rough, radius=size / 60, normal=up))
     done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
-    assert f"3 of {len(on)} markers are over their radius off its surface; their discs count as flat" in done.err
+    assert "off its surface" not in done.err
+    np.testing.assert_allclose(np.linalg.eigvalsh(given[-1].curvature)[:, 1:] * 10 * size, 1, atol=0.1)
+    away = on + np.where(np.arange(len(on)) < 3, size / 20, 0)[:, None] * [0, 0, 1]
+    io.write_markers(folder / "rough.csv", MarkerSet.make(names, away, radius=size / 60, normal=up))
+    done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
+    assert f"3 of {len(on)} markers are over " in done.err
+    assert " mm off its surface; their discs count as flat" in done.err
     np.testing.assert_array_equal(given[-1].curvature[:3], 0)
     far = np.add(on, [0, 0, size])
-    io.write_markers(folder / "rough.csv", MarkerSet.make(rough.name, far, radius=size / 20, normal=up))
+    io.write_markers(folder / "rough.csv", MarkerSet.make(names, far, radius=size / 60, normal=up))
     done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
     assert (done.code, "dome.stl: does nothing as --grid: " in done.err) == (2, True), done.err
     done = windmark("calibrate", folder / "matches.csv", "--board", 3, "--unit", "mm", "-g", folder / "dome.stl")

@@ -24,8 +24,9 @@ or rough, not curved (a crease in the middle leaves 0.29 of its own)."""
 
 
 def surface_curvature(
-    vertices: Array, triangles: NDArray[np.int32], xyz: ArrayLike, normal: ArrayLike, radius: ArrayLike
-) -> Array:
+    vertices: Array, triangles: NDArray[np.int32], xyz: ArrayLike, normal: ArrayLike, radius: ArrayLike, *,
+    reach: float | None = None,
+) -> Array:  # fmt: skip
     """Second fundamental form of a surface at markers.
 
     A quadric over the marker's tangent plane, fitted to the nodes around it, which lie on the surface; its facets do
@@ -36,11 +37,13 @@ def surface_curvature(
     vertices, triangles : (V, 3), (T, 3) of the surface, as `Mesh` has them
     xyz, normal : (N, 3) markers on it and their outward normals, in its frame and unit
     radius : (N,) of their discs
+    reach : how far from the surface, along its normal, a marker may be that is on it (rough coordinates); None: its
+        radius
 
     Returns
     -------
     (N, 3, 3) one over the length unit, see `MarkerSet.curvature`: positive where the surface falls away from its
-    tangent plane. Zero where normal or radius is NaN, where no surface is within a radius, and where a quadric does
+    tangent plane. Zero where normal or radius is NaN, where no surface is within reach, and where a quadric does
     not describe the nodes: on a crease, on a grid that is rough by more than it is curved, and where it would turn by
     more than a radian within a disc.
 
@@ -76,7 +79,7 @@ def surface_curvature(
         grid = _Nodes(vertices, triangles, used)
         for k in asked.tolist():
             nodes = grid.around(place[k], up[k], r[k])
-            out[k] = _bend(vertices[nodes] - place[k], up[k], r[k])
+            out[k] = _bend(vertices[nodes] - place[k], up[k], r[k], r[k] if reach is None else max(reach, r[k]))
     return out
 
 
@@ -126,7 +129,7 @@ class _Nodes:
         return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
 
-def _bend(apart: Array, normal: Array, radius: float) -> Array:
+def _bend(apart: Array, normal: Array, radius: float, reach: float) -> Array:
     """Second fundamental form (3, 3) from nodes (K, 3), seen from the marker; zero where they do not tell it."""
     flat = np.zeros((3, 3))
     if len(apart) < FEWEST:
@@ -145,7 +148,7 @@ def _bend(apart: Array, normal: Array, radius: float) -> Array:
     likely = np.zeros((3, 6))
     likely[:, 3:] = np.eye(3) * noise / LIKELY
     fit = np.linalg.lstsq(np.vstack([curved, likely]), np.append(z, np.zeros(3)), rcond=None)[0]
-    if abs(fit[0]) > 1.0 or np.linalg.norm(z - curved @ fit) >= UNTOLD * bare:
+    if abs(fit[0]) * radius > reach or np.linalg.norm(z - curved @ fit) >= UNTOLD * bare:
         return flat
     # The normal may be a little beside the surface's own: heights over its plane, by the slopes there.
     form = -np.array([[fit[3], fit[4]], [fit[4], fit[5]]]) / (radius * np.sqrt(1.0 + fit[1] ** 2 + fit[2] ** 2))

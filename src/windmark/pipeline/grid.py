@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from windmark import io, resection
-from windmark.errors import WindmarkError
+from windmark.errors import WindmarkError, g2
 from windmark.geometry import Camera, Pose, surface_curvature
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project_entries import GridEntry
 from windmark.scene import MarkerSet, Mesh
+
+ROUGH = 0.01
+"""Part of the surface's size within which rough coordinates are of markers that lie on it."""
 
 
 def read_grid(entry: GridEntry, lengths: Lengths, cameras: Sequence[tuple[Camera, Pose]] = ()) -> Mesh:
@@ -49,31 +52,38 @@ def oriented(mesh: Mesh, entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]
     return mesh if entry.orientation == "file" else resection.orient_outward(mesh, cameras=cameras)
 
 
-def with_curvature(markers: MarkerSet, mesh: Mesh | None) -> MarkerSet:
-    """The markers with the curvature of the surface that they lie on: their discs' images are not centred on them."""
+def with_curvature(markers: MarkerSet, mesh: Mesh | None, reach: float | None = None) -> MarkerSet:
+    """The markers with the curvature of the surface that they lie on: their discs' images are not centred on them.
+
+    ``reach``: how far from it they may be that lie on it; None: their radius.
+    """
     if mesh is None:
         return markers
-    form = surface_curvature(mesh.vertices, mesh.triangles, markers.xyz, markers.normal, markers.radius)
+    form = surface_curvature(mesh.vertices, mesh.triangles, markers.xyz, markers.normal, markers.radius, reach=reach)
     return replace(markers, curvature=form)
 
 
 def curved_by(markers: MarkerSet, grid: Path, lengths: Lengths) -> tuple[MarkerSet, str]:
     """`with_curvature` by a grid that is given for nothing else, and what is to be said of it ("": nothing).
 
+    Tables may be rough: the surface bends beside a marker's true place much as at it, so what is near counts as on it.
+
     Raises
     ------
     FileError
         When the grid cannot be read, is in another unit, or can do nothing: no marker has a normal and a radius, or
-        none lies within its radius of the surface.
+        none lies near the surface.
     """
     mesh = lengths.mesh(grid)
     known = np.isfinite(markers.normal).all(axis=1) & np.isfinite(markers.radius)
     if not known.any():
         raise io.FileError(grid, "does nothing as --grid: no marker of the table has a normal and a radius")
     asked = np.flatnonzero(known & (markers.role != "wall"))  # those of walls are on no grid of a model
-    near = resection.nearest_on_surface(mesh, markers.xyz[asked], max_distance=float(markers.radius[known].max()))
-    flat = int((~(near.distance <= markers.radius[asked])).sum())
-    said = f"{flat} of {len(asked)} markers are over their radius off its surface; their discs count as flat"
+    reach = max(ROUGH * mesh.size, float(markers.radius[known].max()))
+    near = resection.nearest_on_surface(mesh, markers.xyz[asked], max_distance=reach)
+    flat = int((near.triangle < 0).sum())
+    said = f"{flat} of {len(asked)} markers are over {g2(reach)} {lengths.unit} off its surface"
+    said += "; their discs count as flat"
     if flat == len(asked):
         raise io.FileError(grid, f"does nothing as --grid: {said}")
-    return with_curvature(markers, mesh), said if flat else ""
+    return with_curvature(markers, mesh, reach), said if flat else ""
