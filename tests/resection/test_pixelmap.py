@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +168,25 @@ def test_rays_of_pixels_are_those_of_the_camera(camera):
     want = camera.unproject(pixel_grid(camera))[..., :2]
     np.testing.assert_allclose(rays.pixel_rays(camera, 0, camera.size_px[1]), want, rtol=0, atol=1e-13)
     np.testing.assert_allclose(rays.pixel_rays(camera, 5, 2), want[5:7], rtol=0, atol=1e-13)
+
+
+def test_rays_are_found_once_for_a_camera_and_kept_as_far_as_there_is_room(monkeypatch):
+    asked, find = [], rays.pixel_rays
+    monkeypatch.setattr(rays, "pixel_rays", lambda *a: (asked.append(a[1:]), find(*a))[1])
+    monkeypatch.setattr(rays, "_KEPT", rays._Kept())
+    monkeypatch.setattr(rays, "KEPT_BYTES", 2 * 40 * 30 * 16)
+    camera, other = Camera((40, 30), 50.0, k1=-0.1), Camera((40, 30), 50.0, k1=-0.2)
+    first = rays.kept_rays(camera, 0, 30)
+    assert rays.kept_rays(replace(camera), 0, 30) is first
+    np.testing.assert_array_equal(rays.kept_rays(other, 0, 30), find(other, 0, 30))
+    assert rays.kept_rays(camera, 0, 30) is first
+    assert len(asked) == 2
+    rays.kept_rays(camera, 10, 20)  # the oldest, the other camera, makes room
+    rays.kept_rays(other, 0, 30)
+    assert asked == [(0, 30), (0, 30), (10, 20), (0, 30)]
+    rays.kept_rays(Camera((200, 200), 50.0), 0, 200)  # more than there is room for
+    assert rays.kept_rays(other, 0, 30) is rays.kept_rays(other, 0, 30)
+    assert len(asked) == 5
 
 
 def test_node_and_triangle_values_on_pixels():

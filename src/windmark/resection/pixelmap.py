@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.geometry import Camera, Pose
 from windmark.geometry.described import described
-from windmark.geometry.rays import pixel_rays
+from windmark.geometry.rays import kept_rays
 from windmark.resection.casting import RAYS_AT_ONCE, Hits, cast, for_kernels, single_pose, to_camera_frame
 from windmark.scene import Mesh
 from windmark.scene.shown import check_kinds, xarray_dataset
@@ -205,7 +205,7 @@ def map_pixels(mesh: Mesh, camera: Camera, cam_from_model: Pose, *, cull_backfac
     hits = Hits.none(width * height)
     rows = max(1, RAYS_AT_ONCE // width)
     for first in range(0, height, rows):
-        rays = pixel_rays(camera, first, min(rows, height - first)).reshape(-1, 2)
+        rays = kept_rays(camera, first, min(rows, height - first)).reshape(-1, 2)
         into = hits.part(slice(first * width, first * width + len(rays)))
         cast(vertices_cam, mesh.triangles, rays, cull_backfaces=cull_backfaces, into=into)
     shape = (height, width)
