@@ -131,8 +131,6 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
     variance, level : (B,) residual variance of the fits, largest grey level of the windows
     multiplicative : whether paint multiplies the light, so that its texture is proportional to the brightness
     """
-    from scipy.optimize import nnls
-
     curve = _transfer(variance, level)
     residual = images[:, 2] / np.sqrt(variance)[:, None, None]
     used, tables = (images[:, 3] != 0).astype(float), _tables(images.shape[-1])
@@ -144,6 +142,8 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
     unlike = np.abs(forms[: TESTED.stop] - expected[:, 0] * forms[0] / expected[0, 0])[TESTED]
     if (unlike < UNLIKELY * each[TESTED].std(axis=1) / np.sqrt(len(images))).all():
         return plain
+    from scipy.optimize import nnls  # a twentieth of the time of a first picture, whose noise is white as a rule
+
     bright = brightness(images)
     contrast = np.abs(np.sign(images[:, 3]) - bright)
     each = np.concatenate([each, *(_limited(_forms(residual * w) / pixels) for w in (bright, contrast))])
