@@ -31,7 +31,7 @@ def test_images_camera_and_mask(windmark, files):
     assert done.code == 0
     names = {"a.tif", "a-x3.tif", "b.png", "b-x3.png", "stack.tif", "stack-x3.tif", "valid.png", "camera.json"}
     drawn = {"distortion.png", "a-picture.png", "b-picture.png", "stack-picture.png"}
-    assert {p.name for p in out.iterdir()} == names | drawn | {"manifest.json"}
+    assert {p.name for p in out.iterdir()} == names | drawn | {"manifest.json", "report.html"}
     assert all(min(read_image(out / name).shape[:2]) > 200 for name in drawn)
     corrected = undistort(IMAGE, LENS)
     np.testing.assert_array_equal(read_image(out / "a.tif"), corrected.image)
@@ -44,6 +44,31 @@ def test_images_camera_and_mask(windmark, files):
     np.testing.assert_array_equal(again.cam_from_model.translation, [1, 2, 3])
     assert f"{100 * corrected.valid.mean():.1f} % of them filled" in done.out
     assert f"b.jpg: {out / 'b.png'}, {out / 'b-x3.png'}" in done.out
+
+
+def test_the_page_shows_each_picture_before_and_after(windmark, files):
+    patchy = IMAGE.astype(np.float32)
+    patchy[:30] = np.nan
+    write_image(files / "<x>&.tif", patchy)
+    out = files / "out"
+    done = windmark("undistort", files / "a.tif", files / "<x>&.tif", "-c", files / "c.json", "-o", out, "--json")
+    assert done.json["not_drawn"] == []
+    assert done.json["verdict"]["word"] == "good"
+    html = (out / "report.html").read_text(encoding="utf-8")
+    assert 'data-verdict="good"' in html
+    assert html.count('<figure class="wm-photo">') == 3  # as taken, undone, magnified; the other picture is packed
+    assert "<x>" not in html
+    assert "SHA-256" in html
+    assert str(files) not in html
+
+
+@pytest.mark.parametrize("lens", [Camera((160, 120), 150.0), Camera((160, 120), 90.0, k1=-0.02, lens="fisheye")])
+def test_lenses_that_have_nothing_to_magnify(windmark, files, lens):
+    write_camera(files / "other.json", lens)
+    done = windmark("undistort", files / "a.tif", "-c", files / "other.json", "-o", files / "out", "--json")
+    assert done.json["not_drawn"] == []
+    html = (files / "out" / "report.html").read_text(encoding="utf-8")
+    assert html.count('<figure class="wm-photo">') == 2
 
 
 def test_keep_and_json(windmark, files):

@@ -13,25 +13,22 @@ import windmark
 from windmark import io
 from windmark.app import calibrate_pictures as drawn
 from windmark.app import space_pictures as space
-from windmark.app.lens_pictures import correction_photos, distortion_picture, residual_map_picture, visible_factor
+from windmark.app.lens_pictures import residual_map_picture
+from windmark.app.lens_report import put_correction, put_distortion, put_parameters
 from windmark.app.network_scene import network_scene
 from windmark.app.pictures import png
 from windmark.app.report import Report, measured, measured_rows
-from windmark.calibration import Calibration, NotCalibrated, magnify_distortion, undistort
+from windmark.calibration import Calibration, NotCalibrated, undistort
 from windmark.calibration.lens_choice import lens_words
 from windmark.calibration.quality import Comparison, SplitHalf, residual_map
 from windmark.calibration.snooping import critical
 from windmark.errors import g3
-from windmark.geometry.camera import LENS_PARAMETERS
 from windmark.pipeline.calibrate import Calibrated, MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import STRONG, correlations, datum_words, pose_columns, sigma_rms, views_seen
 from windmark.pipeline.calibrate.read import read_image
 from windmark.pipeline.clock import Clock
 from windmark.tasks.calibrate.rig import beside
 
-TESTED = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "tilt_x", "tilt_y")
-SIGNIFICANT = 3.0
-UNITS = {"focal_px": "px", "cx": "px", "cy": "px", "tilt_x": "rad", "tilt_y": "rad"}
 WORST = 25
 OPTIMISTIC = 1.3
 """Ratio of halves above which the covariances are called optimistic."""
@@ -119,28 +116,14 @@ def add_camera(report: Report, result: Calibration, name: str) -> None:
     """Parameters of a camera with their uncertainty, and what the lens and its model do over the image."""
     camera = result.cameras[name]
     report.heading(f"Camera {name}" if len(result.cameras) > 1 else "Camera")
-    rows = []
-    for p in LENS_PARAMETERS[camera.lens]:
-        value, sigma = float(getattr(camera, p)), result.sigma(name, p)
-        t = abs(value) / sigma if sigma > 0 and p in TESTED else None
-        verdict = "" if t is None else "significant" if t > SIGNIFICANT else "not significant"
-        state = verdict if sigma > 0 else "not free"
-        # What is not free is what was given, with all the digits that it has.
-        shown, sigma_shown = measured(value, sigma) if sigma > 0 else (f"{value:.8g}", "–")
-        rows.append((p, UNITS.get(p, "–"), shown, sigma_shown, t, state))
-    report.table(["parameter", "unit", "value", "1 sigma", "|value| / sigma", ""], rows)
-    lens = {"brown": "", "rational": "Rational lens. ", "fisheye": "Fisheye lens; focal length in pixels per radian. "}
-    report.text(f"{lens[camera.lens]}Image {camera.size_px[0]} x {camera.size_px[1]} px, horizontal field of view "
-                f"{camera.fov_deg:.3f} deg.",
-                "soft")  # fmt: skip
+    put_parameters(report, camera)
     strong = correlations(result, name)
     if strong:
         pairs = ", ".join(f"{a} with {b} ({r:+.3f})" for a, b, r in strong)
         report.text(f"Correlated beyond {STRONG:g}: {pairs}. Use the whole covariance of the camera's file, "
                     "never one of "
                     "these sigmas alone.")  # fmt: skip
-    report.drawing(f"{name}: picture of the distortion", lambda: distortion_picture(camera), "What the lens does.",
-                   dpi=88)  # fmt: skip
+    put_distortion(report, camera, f"{name}: picture of the distortion")
     with report.part(f"{name}: map of the residuals"):
         seen = residual_map(result, name)
         report.picture(png(residual_map_picture(seen), dpi=88), "What the lens model misses.")
@@ -169,20 +152,7 @@ def _corrected(
     count = np.bincount(result.observations.view[result.used], minlength=len(views))
     best = max((n for n, v in enumerate(result.views) if v.camera == name), key=lambda n: count[n])
     image = read_image(paths[views[best]], match)[0]
-    undone = undistort(image, camera)
-    if camera.lens != "brown":
-        report.text(f"{views[best]} as taken, and as a pinhole of the same focal length would have seen the middle of "
-                    "it. Blue lines are straight in space.")  # fmt: skip
-        photos = correction_photos(image, camera, undone)
-    else:
-        factor = visible_factor(camera)
-        report.text(f"{views[best]} as taken, with the lens undone, and with its distortion magnified (AIAA 2005-5007, "
-                    "Fig. 9). Blue lines are straight in space, yellow ones in the picture: with the lens undone they "
-                    "are the same.")  # fmt: skip
-        photos = correction_photos(image, camera, undone, magnify_distortion(image, camera, factor), factor)
-    for photo in photos:
-        report.raw(photo)
-    report.side_by_side(len(photos))
+    put_correction(report, views[best], image, camera, undistort(image, camera))
 
 
 def _rig(report: Report, result: Calibration, unit: str) -> None:

@@ -27,7 +27,12 @@ from windmark.scene.detections import middle_sigma
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from windmark.app.detect_report import DetectPage, Shown
+    from windmark.pipeline.verdict import Verdict
+
 Record = dict[str, Any]
+Drawn = list[tuple[Path, bytes]]
+"""What is written beside the tables: where, and the bytes."""
 Image = NDArray[np.generic]
 
 
@@ -43,13 +48,14 @@ class Wishes:
     picture: Path | None = None
     explain: Path | None = None
     merit_map: Path | None = None
+    report: Path | None = None
     channel: str = CHANNEL.default
     bayer: str | None = None
 
     @property
     def files(self) -> list[Path]:
         """What is to be written."""
-        return [p for p in (self.output, self.explain, self.picture, self.merit_map) if p is not None]
+        return [p for p in (self.output, self.explain, self.picture, self.merit_map, self.report) if p is not None]
 
 
 @dataclass(frozen=True)
@@ -73,12 +79,15 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     io.try_paths(wishes.files, console.complain)
     found: dict[str, _Found] = {}
     lost = Unreadable()
+    page = None if wishes.report is None else new_page()
     with console.progress() as show:
         files = uniquely_named(images)
         ended = counting(show, "detect", len(files))
         for path in files:
             with lost.unless_readable(path.name):
                 one = _detect_one(read_wished(path, wishes), wishes)
+                if page is not None:
+                    page.add(_shown(path.name, one))
                 drawn = wishes.picture is not None or wishes.merit_map is not None
                 found[path.name] = one if drawn else replace(one, image=one.image[:0], mask=None)  # recordings are long
             ended(path.name)
@@ -86,13 +95,12 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
         show("write")
         good = any(len(one.spots) for one in found.values())
         failed: list[str] = []
-        written = _write(found, wishes, good, failed)
+        verdict = detect_verdict({name: Looked(one.state, len(one.spots), middle_sigma(one.spots.cov), one.why_none)
+                                  for name, one in found.items()}, lost.why)  # fmt: skip
+        written = _write(found, wishes, good, failed, page_part(page, wishes, verdict, failed))
     lines = [_line(name, one) for name, one in found.items()] + lost.lines()
     record = {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output),
-              "left_out": lost.why, "not_drawn": failed}  # fmt: skip
-    verdict = detect_verdict({name: Looked(one.state, len(one.spots), middle_sigma(one.spots.cov), one.why_none)
-                              for name, one in found.items()}, lost.why)  # fmt: skip
-    record["verdict"] = verdict.record()
+              "left_out": lost.why, "not_drawn": failed, "verdict": verdict.record()}  # fmt: skip
     lines += [*(verdict_lines(verdict) if good else []), *not_drawn(failed)]
     lines += [f"written: {', '.join(map(str, written))}"] if written else []
     if good:
@@ -103,9 +111,9 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     console.refuse(_why_none(found, wishes), as_json, record, verdict.next_step)
 
 
-def _write(found: dict[str, _Found], wishes: Wishes, good: bool, failed: list[str]) -> list[Path]:
+def _write(found: dict[str, _Found], wishes: Wishes, good: bool, failed: list[str], page: Drawn) -> list[Path]:
     """Table and pictures, all of them or none; without a marker no table: one of an earlier run stays as it was."""
-    drawn = _drawn(found, wishes, failed)
+    drawn = _drawn(found, wishes, failed) + page
     tables = [wishes.output] if good else []
     tables += [wishes.explain] if wishes.explain is not None else []
     with io.atomic_paths([*tables, *(path for path, _ in drawn)]) as places:
@@ -116,6 +124,31 @@ def _write(found: dict[str, _Found], wishes: Wishes, good: bool, failed: list[st
         for path, data in drawn:
             places[path].write_bytes(data)
     return tables + [path for path, _ in drawn]
+
+
+def new_page() -> DetectPage:
+    """The page that is wanted, empty; it is imported only then."""
+    from windmark.app.detect_report import DetectPage
+
+    return DetectPage()
+
+
+def page_part(page: DetectPage | None, wishes: Wishes, verdict: Verdict, failed: list[str]) -> Drawn:
+    """The page as a file to be written; what could not be drawn in it is added to ``failed``."""
+    if page is None or wishes.report is None:
+        return []
+    report = page.report(verdict, wishes.report)
+    failed += report.failed
+    return [(wishes.report, report.html().encode())]
+
+
+def _shown(name: str, one: _Found) -> Shown:
+    from windmark.app.detect_report import NotTaken, Shown
+
+    others = None
+    if (r := one.rejected) is not None:
+        others = NotTaken("rejected candidate", [str(k) for k in range(len(r))], r.xy, r.radius_px, r.words, r.merit)
+    return Shown(name, one.image, one.spots, one.polarity, others, said=one.why_none or one.decided)
 
 
 def parse_roi(text: str | None) -> tuple[int, int, int, int] | None:
@@ -162,7 +195,7 @@ def read_wished(path: io.PictureFile, wishes: Wishes) -> Image:
 def _detect_one(image: Image, wishes: Wishes) -> _Found:
     mask = used_pixels(image, wishes.mask, wishes.roi)
     options = {**wishes.options, "radius_px": wishes.radius_px or None, "mask": mask}
-    look = detection.find_markers(image, rejected=wishes.explain is not None, **options)
+    look = detection.find_markers(image, rejected=wishes.explain is not None or wishes.report is not None, **options)
     if look.radius is not None and not look.radius:
         why = "; ".join(filter(None, [look.radius.reason, look.words]))
     elif not len(look.detections):

@@ -13,17 +13,32 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import Unreadable, not_drawn, png_alone
-from windmark.app.detect_verb import Wishes, numbered, read_wished, uniquely_named, used_pixels
+from windmark.app.detect_verb import (
+    Drawn,
+    Wishes,
+    new_page,
+    numbered,
+    page_part,
+    read_wished,
+    uniquely_named,
+    used_pixels,
+)
+from windmark.app.verdict_words import verdict_lines
 from windmark.detection import AUTO, Guided
 from windmark.detection.either import FEW
 from windmark.errors import UsageError
 from windmark.options.detection import SEARCH_PX
 from windmark.pipeline.clock import counting
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.verdict.detected import Looked, detect_verdict
+from windmark.pipeline.verdict.picture import picture_state
+from windmark.scene.detections import middle_sigma
 from windmark.tasks.predictions import Predictions, from_camera, from_detections, look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from windmark.app.detect_report import Shown
 
 Record = dict[str, Any]
 
@@ -67,6 +82,7 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
     failed: list[str] = []
     options = {"search_px": guide.search_px, "photometry": wishes.options["photometry"]}
     io.try_paths(wishes.files, console.complain)
+    page = None if wishes.report is None else new_page()
     with console.progress() as show:
         files = uniquely_named(images)
         ended = counting(show, "detect", len(files))
@@ -80,26 +96,48 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
             expected = _expected(guide, path.name, wishes.radius_px[0] if wishes.radius_px else None)
             mask = used_pixels(image, wishes.mask, wishes.roi)
             seen[path.name] = _look(image, expected, wishes.options["polarity"], {**options, "mask": mask})
+            if page is not None:
+                page.add(_shown(path.name, seen[path.name]))
             ended(path.name)
         lost.refuse_unless(seen)
         show("write")
         good = any(one.got.found.any() for one in seen.values())
-        written = _write(seen, wishes, good, failed)
+        verdict = detect_verdict({name: _looked(one) for name, one in seen.items()}, lost.why)
+        written = _write(seen, wishes, good, failed, page_part(page, wishes, verdict, failed))
     lines = [f"{name}: {one.got.found.sum()} of {len(one.expected)} expected markers{one.decided}{_why(one)}"
              for name, one in seen.items()]  # fmt: skip
     console.answer(
         {"images": {name: _record(one) for name, one in seen.items()}, "output": str(wishes.output),
-         "left_out": lost.why, "not_drawn": failed},
+         "left_out": lost.why, "not_drawn": failed, "verdict": verdict.record()},
         as_json,
-        [*lines, *lost.lines(), *not_drawn(failed), *([f"written: {', '.join(map(str, written))}"] if written else [])],
+        [*lines, *lost.lines(), *(verdict_lines(verdict) if good else []), *not_drawn(failed),
+         *([f"written: {', '.join(map(str, written))}"] if written else [])],
     )  # fmt: skip
     if not good:
-        console.refuse(f"none of the expected markers was found{_why(next(iter(seen.values())))}", as_json)
+        console.refuse(f"none of the expected markers was found{_why(next(iter(seen.values())))}", as_json,
+                       next_step=verdict.next_step)  # fmt: skip
 
 
-def _write(seen: dict[str, _Seen], wishes: Wishes, good: bool, failed: list[str]) -> list[Path]:
+def _looked(one: _Seen) -> Looked:
+    """For the verdict: what is missing of the expected markers is its hint."""
+    found = one.got.detections
+    said = "" if one.got.found.all() else f"{len(one.expected)} were expected{_why(one)}"
+    return Looked(picture_state(one.image, found, one.polarity), len(found), middle_sigma(found.cov), said)
+
+
+def _shown(name: str, one: _Seen) -> Shown:
+    from windmark.app.detect_report import NotTaken, Shown
+
+    lost = ~one.got.found
+    words = [w for w, gone in zip(one.got.words, lost, strict=True) if gone]
+    unknown = np.full(int(lost.sum()), np.nan)
+    others = NotTaken("expected marker", _names(one, lost), one.expected.xy[lost], unknown, words, unknown)
+    return Shown(name, one.image, one.got.detections, one.polarity, others, _names(one, one.got.found))
+
+
+def _write(seen: dict[str, _Seen], wishes: Wishes, good: bool, failed: list[str], page: Drawn) -> list[Path]:
     """Table and pictures, all of them or none; without a marker no table: one of an earlier run stays as it was."""
-    drawn = _drawn(seen, wishes, failed)
+    drawn = _drawn(seen, wishes, failed) + page
     tables = [wishes.output] if good else []
     tables += [wishes.explain] if wishes.explain is not None else []
     with io.atomic_paths([*tables, *(path for path, _ in drawn)]) as places:

@@ -135,6 +135,15 @@ class Overlay:
         said = _key("#00c853", words[0]) + ("" if kind.all() else _key("#ff9100", words[1]))
         self.layers["spots"] = (said, f'<g class="spots">{drawn}</g>')
 
+    def circles(self, layer: str, xy: Array, radius: Array, notes: Sequence[str], words: str, colour: str) -> None:
+        """Broken circles (K,) of a layer of their own, each with its note: candidates, not spots."""
+        drawn = "".join(
+            f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{r:.1f}"><title>{escape(note)}</title></circle>'
+            for (x, y), r, note in zip(xy.tolist(), radius.tolist(), notes, strict=True)
+        )
+        style = f"stroke: {colour}; stroke-width: 1.5; stroke-dasharray: 4 3"
+        self.layers[layer] = _key(colour, words), f'<g style="{style}">{drawn}</g>'
+
     def missing(self, xy: Array, names: Sequence[str], words: str) -> None:
         """Diamonds where markers were expected."""
         if not len(xy):
@@ -188,14 +197,15 @@ class Overlay:
         boxes = "".join(f'<label><input type="checkbox" checked data-layer="{name}"> {words}</label>'
                         for name, (words, _) in layers.items())  # fmt: skip
         width, height = self.size_px
-        drawn = "".join(svg for _, svg in layers.values())
+        point = "Point at a ring to read its numbers. " if any("<title>" in svg for _, svg in layers.values()) else ""
+        drawn = "".join(f'<g data-of="{name}">{svg}</g>' for name, (_, svg) in layers.items())
         return (
             f'<figure class="wm-photo"><div class="wm-layers">{boxes}</div>'
             f'<div class="wm-zoom" tabindex="0" style="--name: {width / 95:.1f}px; --shape: {width / height:.3f}"><div>'
             f'<img alt="{escape(caption)}" src="{url}" width="{width}" height="{height}">'
             f'<svg viewBox="-0.5 -0.5 {width} {height}" preserveAspectRatio="none">{drawn}</svg></div></div>'
-            f'<figcaption>{escape(caption)} <span class="wm-screen">Click and turn the wheel, or double-click, to zoom '
-            "to the pixel; drag to move; Esc shows all.</span></figcaption></figure>"
+            f'<figcaption>{escape(caption)} <span class="wm-screen">{point}Click and turn the wheel, or double-click, '
+            "to zoom to the pixel; drag to move; Esc shows all.</span></figcaption></figure>"
         )
 
 

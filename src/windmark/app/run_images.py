@@ -12,6 +12,7 @@ from windmark.app import figures, merge_report
 from windmark.app.photo import Overlay, Room, preview, scale_bar, tiles
 from windmark.app.pictures import png
 from windmark.app.report import Report, earned_decimals
+from windmark.app.spot_words import spot_notes
 from windmark.app.svg import LINE_COLOURS, Chart
 from windmark.errors import g2
 from windmark.pipeline.outputs import pose_difference
@@ -81,10 +82,7 @@ def photo(
             lines = grid_lines(result.mesh, item.nodes, per_block=LINES_PER_BLOCK, edges=4000)
             over.wires(lines, "visible grid lines, projected", room.wires)
     matched = np.zeros(len(spots), dtype=bool)
-    sigma = np.sqrt(np.trace(spots.cov, axis1=1, axis2=2) / 2)
-    columns = zip(spots.xy.tolist(), sigma.tolist(), spots.merit.tolist(), strict=True)
-    notes = [f"spot {k}: x {x:.2f}, y {y:.2f} px, sigma {g2(s)} px, merit {m:.3f}".replace("-", "−")
-             for k, ((x, y), s, m) in enumerate(columns)]  # fmt: skip
+    notes = spot_notes(spots)
     if answer is None or markers is None:
         over.spots(spots, matched, notes, ("", f"spot ({len(spots)})"))
         report.raw(over.html(preview(shown, room.photo)[0], f"{item.name}: detected spots."))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import Unreadable, not_drawn, write_png
+from windmark.app.undistort_report import Undone, undistort_page
 from windmark.app.verdict_words import judged
 from windmark.calibration import KEEP, corrected_camera, magnified_camera, magnify_distortion, redraw
 from windmark.calibration import undistort as correct
@@ -71,7 +72,15 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
         pose = content.cam_from_model if content.length_unit else None
         pose_cov = None if pose is None else content.pose_cov
         io.write_camera(place / "camera.json", target, pose, unit=content.length_unit, pose_cov=pose_cov)
-        _draw([path for path in images if path.name in written], camera, camera_file.name, place, wishes, failed)
+        shown = [path for path in images if path.name in written]
+        _draw(shown, camera, camera_file.name, place, wishes, failed)
+        verdict = undistort_verdict(camera, len(written), lost.why)
+        show("draw the report")
+        said = _said(content, camera_file.name)
+        done = Undone(camera, target, written, lost.why, float(valid.mean()), said)
+        page = undistort_page(done, shown, lambda path: next(_grey_of_mosaics(path)), verdict, out)
+        (place / "report.html").write_text(page.html(), encoding="utf-8")
+        failed += page.failed
     filled = 100 * float(valid.mean())
     width, height = target.size_px
     record = {
@@ -79,15 +88,21 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
         "filled_percent": filled, "note": content.note,
         "left_out": lost.why, "not_drawn": failed,
     }  # fmt: skip
-    lines = [content.note] if content.note else []
-    lines += [f"{name}: {', '.join(str(wishes.output / f) for f in files)}" for name, files in written.items()]
+    lines = [f"{name}: {', '.join(str(wishes.output / f) for f in files)}" for name, files in written.items()]
     lines += lost.lines() + not_drawn(failed)
     lines.append(f"{width} x {height} px, {filled:.1f} % of them filled (valid.png)")
-    if content.cam_from_model is not None and content.length_unit is None:
-        lines.append(f"{camera_file} does not say the length unit of its pose: the pose is left out")
+    lines += said
     lines.append(f"{wishes.output / 'camera.json'} fits the corrected images: it has no distortion")
-    lines += judged(record, undistort_verdict(camera, len(written), lost.why))
+    lines += [*judged(record, verdict), f"report: {wishes.output / 'report.html'}"]
     console.answer(record, as_json, lines)
+
+
+def _said(content: io.CameraFile, name: str) -> list[str]:
+    """What had to be done to the camera's file, and what of it could not be used."""
+    said = [content.note] if content.note else []
+    if content.cam_from_model is not None and content.length_unit is None:
+        said.append(f"{name} does not say the length unit of its pose: the pose is left out")
+    return said
 
 
 def _files(path: Path) -> list[Path]:

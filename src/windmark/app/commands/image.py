@@ -75,7 +75,7 @@ from windmark.options.registration import (
 def add(app: typer.Typer) -> None:
     """Add these commands to ``app``."""
     app.command(
-        epilog="Example: windmark detect run12.tif --radius 3 --picture spots.png --explain rejected.csv."
+        epilog="Example: windmark detect run12.tif --radius 3 --report spots.html --explain rejected.csv."
         " Tracking: windmark detect run13.tif --near detections.csv -o run13.csv, or"
         " windmark detect run13.tif --camera run12-registration/run12/camera.json --markers markers.csv"
     )(detect)
@@ -115,6 +115,13 @@ def detect(
     merit_map: Annotated[
         Path | None, typer.Option(help="Also draw the merit of every pixel (PNG).", rich_help_panel=OUTPUT)
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            help="Also write a page (HTML): verdict, pictures that zoom, spots, what was rejected and why.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
     channel: Channel = CHANNEL.default,
     bayer: Bayer = BAYER.default,
     near: Annotated[
@@ -150,7 +157,7 @@ def detect(
         options = {"polarity": polarity, "merit_max": merit_max, "refine": refine, "photometry": photometry}
         wishes = detect_verb.Wishes(
             options, tuple(radius or ()), mask, detect_verb.parse_roi(roi), output, picture, explain, merit_map,
-            channel, bayer,
+            report, channel, bayer,
         )  # fmt: skip
         guide = guided_verb.Guide(near, camera, markers, search_px)
         if guide:

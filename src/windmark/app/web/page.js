@@ -71,7 +71,10 @@ WM.zoomable = (frame) => {
 // Layers of a picture on and off.
 WM.layers = (figure) => {
   for (const box of figure.querySelectorAll('input[data-layer]')) {
-    box.addEventListener('change', () => figure.classList.toggle(`wm-no-${box.dataset.layer}`, !box.checked));
+    box.addEventListener('change', () => {
+      figure.classList.toggle(`wm-no-${box.dataset.layer}`, !box.checked);
+      for (const drawn of figure.querySelectorAll(`g[data-of="${box.dataset.layer}"]`)) drawn.style.display = box.checked ? '' : 'none';
+    });
   }
 };
 

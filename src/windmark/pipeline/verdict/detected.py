@@ -37,7 +37,7 @@ def detect_verdict(found: Mapping[str, Looked], unread: Mapping[str, str]) -> Ve
     typical = f", typically known to {g2(sigma[len(sigma) // 2])} px" if sigma else ""
     return Verdict.of(
         out, pictures, f"{number} spots in {where}{typical}",
-        "look at them (--picture); --explain says why others are none", what="pictures",
+        "look at them (--report or --picture); --explain says why others are none", what="pictures",
     )  # fmt: skip
 
 
