@@ -67,3 +67,12 @@ def test_what_is_no_row_is_named(tmp_path, text, columns, words):
 def test_columns_that_are_none(tmp_path, columns, words):
     with pytest.raises(UsageError, match=words):
         listed(tmp_path, "a 1 2 3\n", columns)
+
+
+def test_a_long_head_and_a_long_table(tmp_path):
+    head = [f"remark {k}" for k in range(700)]
+    rows = [f"m{k};{k},5;0;1" for k in range(3000)]
+    markers, left = listed(tmp_path, "\n".join(head + rows))
+    assert left == head
+    assert len(markers) == 3000
+    np.testing.assert_array_equal(markers.xyz[:, 0], np.arange(3000) + 0.5)

@@ -17,8 +17,12 @@ from windmark.scene import MarkerSet
 LEFT_OUT = "-"
 """In place of a column's name: nobody wants it."""
 _COMMENTS = ("#", "!", "%", "//")
-_STYLES = ((";", "."), ("\t", "."), (",", "."), (None, "."), (";", ","), ("\t", ","), (None, ","))
+_STYLES: tuple[tuple[str | None, str], ...] = (
+    (";", "."), ("\t", "."), (",", "."), (None, "."), (";", ","), ("\t", ","), (None, ","),
+)  # fmt: skip
 """Separator (None: white space) and decimal mark."""
+_TELLING = 500
+"""Lines from which the style is told, but where none of them is a row."""
 _WORDS = ("name", "volume", "role")
 
 
@@ -60,8 +64,8 @@ def read_listed_markers(path: Pathlike, columns: Sequence[str]) -> tuple[MarkerS
     wanted = _checked(columns)
     lines = [(k, line.strip()) for k, line in enumerate(read_text(path).splitlines(), 1)]
     lines = [(k, line) for k, line in lines if line and not line.startswith(_COMMENTS)]
-    tried = (([_row(line, by, mark, wanted) for _, line in lines], by) for by, mark in _STYLES)
-    rows, separator = max(tried, key=lambda style: sum(row is not None for row in style[0]))
+    separator, mark = _style([line for _, line in lines], wanted)
+    rows = [_row(line, separator, mark, wanted) for _, line in lines]
     first = next((n for n, row in enumerate(rows) if row is not None), None)
     if first is None:
         line, text = lines[0] if lines else (None, "")
@@ -77,6 +81,15 @@ def read_listed_markers(path: Pathlike, columns: Sequence[str]) -> tuple[MarkerS
         names, cells = ["name", *names], [[str(n), *row] for n, row in enumerate(cells, 1)]
     table = table_of(path, tuple(names), cells, [line for line, _ in lines[first:]])
     return replace(marker_set_of(table), length_unit=""), [text for _, text in lines[:first]]
+
+
+def _style(lines: list[str], columns: tuple[str, ...]) -> tuple[str | None, str]:
+    """The separator and decimal mark that make rows of most lines; of the first ones, where these tell it."""
+    for some in (lines[:_TELLING], lines):
+        fitting = [sum(_row(line, *style, columns) is not None for line in some) for style in _STYLES]
+        if max(fitting):
+            break
+    return _STYLES[fitting.index(max(fitting))]
 
 
 def _checked(columns: Sequence[str]) -> tuple[str, ...]:
