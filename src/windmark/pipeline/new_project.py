@@ -76,8 +76,8 @@ def missing(content: FolderContent, choice: Choice) -> list[str]:
             why = f"it may be {' or '.join(same)}" if same else f"none is of {size[0]} x {size[1]} px"
             out.append(f"the camera of {path.name}: {why} (--camera FILE)")
     if choice.markers is None:
-        out.append("a marker table: CSV with name,x,y,z (and nx,ny,nz,radius), or .tgts; windmark reconstruct measures "
-                   "one")  # fmt: skip
+        out.append("a marker table: CSV with name,x,y,z (and nx,ny,nz,radius), or .tgts; windmark convert --columns "
+                   "makes one of another list of points, windmark reconstruct measures one")  # fmt: skip
     if choice.grid is None:
         several = ", ".join(p.name for p in content.grids)
         out.append(f"the grid: say which of {several} (--grid FILE)" if several else
