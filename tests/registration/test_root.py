@@ -220,3 +220,16 @@ def test_walls_are_the_root():
     assert np.trace(result.cov) < 0.2 * np.trace(free.cov)
     still = np.linalg.norm(result.deformation.displacement[walls == "wall"], axis=1)
     assert still.max() < 0.1 * np.linalg.norm(result.deformation.displacement, axis=1).max()
+
+
+def test_walls_alone_with_residuals_beyond_their_sigmas_have_the_pose_of_a_rigid_model():
+    """Nothing of them can bend; it ended in an error: a camera that moves is looked for by walls alone."""
+    scene = scenes.scene(8301, "B")
+    role = np.full(len(scene.markers), "wall")
+    markers = MarkerSet.make(scene.markers.name, scene.markers.xyz, normal=scene.markers.normal, role=role)
+    off = np.random.default_rng(1).normal(0, 0.4, scene.detections.xy.shape)
+    spots = Detections.make(scene.detections.xy + off, sigma_px=0.1)
+    walls = register(spots, markers, scene.camera)
+    assert walls.excess_px > 0.2
+    assert walls.deformation is None
+    assert whitened(scene, walls.cam_from_model, walls.cov) < 4

@@ -99,12 +99,16 @@ class Bent:
 
 
 def root_of(best: Solution, bends: float = 0.0) -> Root:
-    """The root's pose by all fields together; those of a rigid solution are weighed beside none.
+    """The root's pose by all fields together; those of a rigid solution are weighed beside none. Of walls alone it is
+    that of a rigid model.
 
     ``bends`` is the evidence (nats) of other pictures that the model bends.
     """
     layout = best.views.layout
-    found = [_by_field(best, field) for field in (layout.fine_fields if best.is_bent else layout.fields)]
+    fields = [field for field in (layout.fine_fields if best.is_bent else layout.fields) if len(field.modes)]
+    if not fields:  # markers on walls alone
+        return _by_none(best)
+    found = [_by_field(best, field) for field in fields]
     worth = np.concatenate([bent.evidence for bent in found])
     worth = worth - math.log(len(worth))
     if not best.is_bent:
