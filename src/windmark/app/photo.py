@@ -165,12 +165,22 @@ class Overlay:
                                     f'<path class="residual residuals" d="{drawn}"/>')  # fmt: skip
         self._name(xy, names, "of-matched")
 
-    def lines(self, layer: str, lines: Sequence[Array], words: str, colour: str) -> None:
-        """Lines (N, 2) of a layer of their own."""
+    def lines(self, layer: str, lines: Sequence[Array], words: str, colour: str, width: float = 1.4) -> None:
+        """Lines (N, 2) of a layer of their own, ``width`` pixels of the screen wide."""
         drawn = "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in line.tolist())
                         for line in lines if np.isfinite(line).all())  # fmt: skip
-        style = f"stroke: {colour}; stroke-width: 1.4"
+        style = f"stroke: {colour}; stroke-width: {width:g}"
         self.layers[layer] = (_key(colour, words, "dash"), f'<path class="{layer}" style="{style}" d="{drawn}"/>')
+
+    def together(self, layers: Sequence[str], name: str, words: str) -> None:
+        """Several layers as one with one switch, in the first one's place."""
+        drawn = "".join(self.layers[layer][1] for layer in layers)
+        self.layers = {name if k == layers[0] else k: (escape(words), drawn) if k == layers[0] else v
+                       for k, v in self.layers.items() if k not in layers[1:]}  # fmt: skip
+
+    def names_at(self, xy: Array, names: Sequence[str]) -> None:
+        """Names beside places (K, 2), in the layer of all names."""
+        self._name(xy, names, "of-matched")
 
     def wires(self, lines: Sequence[Array], words: str, most: int = FIRST.wires) -> None:
         """Lines of the projected grid, as many as fit."""
