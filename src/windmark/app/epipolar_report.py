@@ -184,7 +184,7 @@ def _matches(page: Report, pair: Pair, found: Triangulation | None) -> None:
         width = pair.images[0].shape[1]
         chart = Chart((0.0, float(width)), (-top, top), (f"x in {pair.lines.a.name}, px", "distance, px"),
                       "Distance of each match from its epipolar line")  # fmt: skip
-        said = [f"{n}: {d:+.3f} px" for n, d in zip(names, result.distance_px.tolist(), strict=True)]
+        said = [f"{n}: {d:+z.3f} px" for n, d in zip(names, result.distance_px.tolist(), strict=True)]
         chart.dots(a.xy[:, 0], result.distance_px, said, names)
         page.chart(chart.svg(), "Along the picture: a lens that is not right gives a curve, spots alone scatter.")
     head = ["match", "by", *(f"{axis} in {side.name}, px" for side in (pair.lines.a, pair.lines.b) for axis in "xy"),

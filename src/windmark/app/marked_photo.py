@@ -34,7 +34,7 @@ def _with_matches(
     room: Room,
 ) -> str:  # fmt: skip
     """The figure, with the spots that took part over what is drawn already."""
-    notes = [f"{n}: x {x:.2f}, y {y:.2f} px; residual {dx:+.3f}, {dy:+.3f} px".replace("-", "−")
+    notes = [f"{n}: x {x:.2f}, y {y:.2f} px; residual {dx:+z.3f}, {dy:+z.3f} px".replace("-", "−")
              for n, (x, y), (dx, dy) in zip(names, xy.tolist(), residual.tolist(), strict=True)]  # fmt: skip
     over.rings(xy, np.full(len(xy), 6.0), np.ones(len(xy), dtype=bool), notes, (f"matched spot ({len(xy)})", ""))
     over.residuals(xy, residual, names, "residual")
