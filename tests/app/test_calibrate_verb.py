@@ -358,7 +358,7 @@ def test_values_of_the_report_are_rounded_by_their_sigmas(windmark, plate, undra
     page = (folder / "out" / "report.html").read_text()
     rows = [re.findall("<td[^>]*>(.*?)</td>", row) for row in page.split("<tr>")]
     camera = {row[0]: (row[2], row[3]) for row in rows if len(row) == 6 and row[5] != "not free"}
-    assert {"focal_px", "aspect", "k1"} <= set(camera)
+    assert {"focal length", "aspect ratio fy/fx", "k1"} <= set(camera)
     markers = {row[0]: row for row in rows if len(row) == 8 and re.fullmatch("m[0-9]+", row[0])}
     assert len(markers) == 40
     for value, sigma in [*camera.values(), *((row[k], row[k + 3]) for row in markers.values() for k in (1, 2, 3))]:

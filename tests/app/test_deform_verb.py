@@ -88,6 +88,10 @@ def test_all_files_agree(made, done):
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "Bending and twist along the span" in page
     assert "Wind-off zero" in page
+    shown = page.count('<figure class="wm-photo">')  # both cameras, of the first and of the worst frame
+    assert shown == page.count("What the cameras saw: frame") * 2 > 0
+    photos = page.split('<figure class="wm-photo">')[1:]
+    assert all(len(photo.partition("</figure>")[0]) < 150_000 for photo in photos)
     assert (folder / "deformation.gif").stat().st_size > 10_000
     assert "Values on the deformed grid" in page
     assert b"ratio_cam1" in (folder / "grid" / "4.vtp").read_bytes()

@@ -60,6 +60,13 @@ def test_a_few_clicks_and_a_camera_match_the_pictures(windmark, photos, tmp_path
     assert json.loads((tmp_path / "out" / "geometry.json").read_text())["determined"] is True
     clicked = rows(tmp_path / "out" / "clicks.csv")
     assert [r["wrong"] for r in clicked] == ["0"] * (CLICKED - 1) + ["1"]
+    html = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert done.json["not_drawn"] == []
+    assert 'data-verdict="good"' in html
+    assert html.count('<figure class="wm-photo">') == 2
+    assert html.count('class="wm-scene"') == 1
+    assert "wrong click (1)" in html
+    assert str(photos) not in html
     again = run(windmark, photos, tmp_path / "out" / "labels.csv", tmp_path / "again", "-c", photos / "camera.json")
     assert again.code == 0
     assert again.json["wrong_clicks"] == []
@@ -72,6 +79,10 @@ def test_without_a_camera_there_is_the_fundamental_matrix_and_no_further_match(w
     assert done.json["wrong_clicks"] == [str(CLICKED)]
     assert np.linalg.matrix_rank(np.array(done.json["fundamental"]), tol=1e-9) == 2
     assert np.linalg.matrix_rank(np.array(done.json["fundamental_cov"]), tol=1e-25) >= 7
+    html = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert done.json["not_drawn"] == []
+    assert html.count('<figure class="wm-photo">') == 2
+    assert 'class="wm-scene"' not in html  # two pictures without a camera have no places in space
     table = rows(tmp_path / "out" / "matches.csv")
     assert len(table) == done.json["matches"] == done.json["by_hand"] == CLICKED - 1
     assert wrong_matches(photos, table) == 0

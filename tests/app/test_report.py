@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from windmark.app import pictures, run_report
+from windmark.app.photo import Overlay
 from windmark.app.report import Report, cell, earned_decimals, measured, measured_rows
 from windmark.app.svg import ticks
 from windmark.pipeline.private_paths import told, without_folders
@@ -120,3 +121,26 @@ def test_records_of_results_have_no_private_folder():
         "file": "pictures/a.tif", "mask": "mask.png", "sides": [3, "b.csv"],
         "notes": ["m.csv: in mm, as c.json says"], "count": 4, "none": None,
     }  # fmt: skip
+
+
+def test_no_number_is_minus_zero():
+    assert cell(-0.0) == "0"
+    assert measured(-0.0004, 0.01)[0] == "0.000"
+    assert measured(-0.0004, 0.01, "+")[0] == "+0.000"
+
+
+def test_names_that_would_lie_over_each_other_wait_for_the_zoom():
+    over = Overlay((950, 600))
+    over.names_at(np.array([[100.0, 100.0], [103.0, 101.0], [300.0, 100.0]]), ["left <1>", "over it", "away"])
+    html = over.html("data:,", "names")
+    assert html.count("crowded") == 1
+    assert '">over it<' in html.partition("crowded")[2]
+    assert "left &lt;1&gt;" in html
+
+
+def test_options_are_said_in_words():
+    report = Report("test")
+    report.closing([], {"max_angle_deg": 3.0, "free": ("k1",)}, {})
+    html = report.html()
+    assert "<td>max angle, °</td>" in html.replace(' class="text"', "")
+    assert "max_angle_deg" not in html

@@ -108,3 +108,16 @@ def test_help_has_an_example(windmark):
     done = windmark("study", "--help")
     assert done.code == 0
     assert "Example: windmark study" in done.out
+
+
+def test_markers_within_a_pixel_have_no_bound_and_the_page_says_the_verdict(windmark, tmp_path):
+    """Without blur and noise such a study ended in a singular matrix."""
+    done = windmark("study", "-r", 2, "-r", 1, "--noise-percent", 0, "--blur-passes", 0, "--steps", 3, "--markers", 100,
+                    "-o", tmp_path / "out", "--json")  # fmt: skip
+    assert done.code == 0, done.err
+    assert done.json["not_drawn"] == []
+    assert any(value is None for value in done.json["rows"]["crlb_px"])
+    assert done.json["verdict"]["word"] in ("good", "doubtful")
+    html = (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
+    assert f'data-verdict="{done.json["verdict"]["word"]}"' in html
+    assert "there is no bound" in html

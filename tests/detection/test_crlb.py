@@ -83,3 +83,15 @@ def test_what_has_no_bound_is_refused(wrong):
         centre_bound(3.0, **{"blur_px": 0.7, **wrong})
     with pytest.raises(ValueError, match="photometry"):
         centre_bound(3.0, blur_px=0.7, photometry="emissive")
+
+
+def test_unknowns_that_pixels_do_not_tell_apart_have_no_bound():
+    rng = np.random.default_rng(2)
+    good = rng.normal(size=(3, 40))
+    alike = good.copy()
+    alike[2] = 5 * alike[0]
+    blind = good.copy()
+    blind[1] = 0
+    got = covariance_bound(np.stack([good, alike, blind]), 0.5)
+    np.testing.assert_allclose(got[0], covariance_bound(good, 0.5))
+    assert np.isinf(got[1:]).all()

@@ -6,10 +6,10 @@ import clicked_scenes as sweep
 import numpy as np
 import pytest
 
-from windmark.geometry import PARAMETERS
+from windmark.geometry import PARAMETERS, Pose, triangulate
 from windmark.geometry.two_view import relative_pose_refine
 from windmark.scene import Detections
-from windmark.tasks.clicked_pair import Clicks, clicked_pair
+from windmark.tasks.clicked_pair import Clicks, clicked_pair, places
 
 
 def spots_and_clicks(seed, number, cameras=False, shape="block"):
@@ -99,3 +99,26 @@ def test_the_camera_s_covariance_is_in_that_of_the_pose():
         found = relative_pose_refine(plain.pose, *xy, other, other).b_from_a
         off.append(((axes[:, told].T @ (found @ plain.pose.inverse()).log()) ** 2 / values[told]).mean())
     assert 0.6 < np.mean(off) < 1.5  # chi^2 of 120 numbers or more is 1 +- 0.13, and the step is to first order
+
+
+def test_places_are_off_by_what_their_ellipsoids_say():
+    """The pose's covariance is in them: without it they would be off by several sigma."""
+    off, bare = [], []
+    for seed in range(6):
+        camera = sweep.scenes.CAMERA
+        true, poses, spots = sweep.pictures("block", seed, camera, 0.1)
+        detections = tuple(Detections.make(s, sigma_px=0.1) for s in spots)
+        names = tuple(str(k) for k in range(12))
+        found = clicked_pair(*detections, Clicks(*(s[:12].copy() for s in spots), names), (camera, camera))
+        assert found, found.reason
+        at = places(found, detections, (camera, camera))
+        step = poses[1] @ poses[0].inverse()
+        known = triangulate(camera, [Pose.identity(), step], np.array(true)[:, found.spot_a]).xyz
+        error = at.xyz - known / np.linalg.norm(step.translation)
+        right = found.spot_a == found.spot_b
+        assert right.all()
+        off += np.einsum("ni,nij,nj->n", error, np.linalg.inv(at.cov), error).tolist()
+        exact = places(replace(found, pose_cov=None), detections, (camera, camera))
+        bare += np.einsum("ni,nij,nj->n", error, np.linalg.inv(exact.cov), error).tolist()
+    assert 1.0 < np.mean(off) < 6.0  # 3 on average; those of one pair are not independent
+    assert np.mean(bare) > 2 * np.mean(off)

@@ -24,12 +24,12 @@ def residual_photo(reference: NDArray[np.generic], answer: ImageAlignment, name:
     place, held, shift = answer.reference_xy, answer.held_out, answer.shift_px
     median = np.median(shift, axis=0)
     factor, times = _factor(held, reference.shape[1]), _factor(shift - median, reference.shape[1], 0.04)
-    notes = [f"x {x:.2f}, y {y:.2f} px; held-out residual {dx:+.3f}, {dy:+.3f} px; motion {u:+.2f}, {v:+.2f} px"
+    notes = [f"x {x:.2f}, y {y:.2f} px; held-out residual {dx:+z.3f}, {dy:+z.3f} px; motion {u:+z.2f}, {v:+z.2f} px"
              .replace("-", "−") for (x, y), (dx, dy), (u, v) in zip(*(a.tolist() for a in (place, held, shift)),
                                                                     strict=True)]  # fmt: skip
     over.rings(place, np.full(len(place), 6.0), np.ones(len(place), bool), notes, (f"marker ({len(place)})", ""))
     over.lines("motion", _vectors(place, shift - median, times),
-               f"motion less its median ({median[0]:+.1f}, {median[1]:+.1f} px) × {times:g}", MOTION)  # fmt: skip
+               f"motion less its median ({median[0]:+z.1f}, {median[1]:+z.1f} px) × {times:g}", MOTION)  # fmt: skip
     over.lines("residuals", _vectors(place, held, factor),
                f"held-out residual × {factor:g} (RMS {answer.held_out_px:.3f} px)", ARROW)  # fmt: skip
     if len(answer.hull) > 2:

@@ -119,7 +119,7 @@ def add_camera(report: Report, result: Calibration, name: str) -> None:
     put_parameters(report, camera)
     strong = correlations(result, name)
     if strong:
-        pairs = ", ".join(f"{a} with {b} ({r:+.3f})" for a, b, r in strong)
+        pairs = ", ".join(f"{a} with {b} ({r:+z.3f})" for a, b, r in strong)
         report.text(f"Correlated beyond {STRONG:g}: {pairs}. Use the whole covariance of the camera's file, "
                     "never one of "
                     "these sigmas alone.")  # fmt: skip
@@ -216,7 +216,7 @@ def add_errors(report: Report, result: Calibration) -> None:
             ["image", "marker", "x px", "y px", "dx px", "dy px", "test"],
             [
                 (result.views[obs.view[o]].name, str(result.markers.name[obs.point[o]]),
-                 *(f"{v:.2f}" for v in (*obs.xy[o], *result.residuals[o])), float(result.test[o]))
+                 *(f"{v:z.2f}" for v in (*obs.xy[o], *result.residuals[o])), float(result.test[o]))
                 for o in worst
             ],
             scroll=True,

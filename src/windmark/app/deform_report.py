@@ -16,10 +16,12 @@ from windmark.app.deform_curves import history_picture, parameter_picture, span_
 from windmark.app.deform_film import deformation_size, film, magnification, magnified, used_nodes, view_of
 from windmark.app.deform_pictures import compared_picture
 from windmark.app.deform_scene import deform_scene
+from windmark.app.marked_photo import pictured_photo
 from windmark.app.pictures import png, surface_picture
 from windmark.app.report import Report, measured
 from windmark.errors import g2, g3
 from windmark.pipeline.deform import Loaded, Sequence
+from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.deform.record import DOUBTFUL, MOTION
 from windmark.pipeline.surface import surface_view
 
@@ -63,6 +65,7 @@ def deform_page(loaded: Loaded, sequence: Sequence, record: dict[str, Any], fold
                            "Spectrum of the tip (Hann window)")  # fmt: skip
         _surface(report, loaded, sequence)
     _cameras(report, sequence, record)
+    _pictures(report, loaded, sequence)
     _tables(report, loaded, sequence)
     if project.output.film and len(sequence.film) > 1:
         with report.part("film"):
@@ -139,6 +142,23 @@ def _cameras(report: Report, sequence: Sequence, record: dict[str, Any]) -> None
         report.table(["frame", "camera", "spots", "expected", "why so few"], few[:SHOWN_FEW], scroll=len(few) > 15)
         if len(few) > SHOWN_FEW:
             report.text(f"{len(few) - SHOWN_FEW} more are in cameras.csv.", "soft")
+
+
+def _pictures(report: Report, loaded: Loaded, sequence: Sequence) -> None:
+    """What each camera saw first, and of the frame with the largest residuals."""
+    for number, one in enumerate(sequence.gallery.shown()):
+        what = "the first one found" if number == 0 else "the largest residuals"
+        report.heading(f"What the cameras saw: frame {one.row.key}, {what}", 3)
+        report.text(f"RMS of the residuals {g3(one.row.rms_px)} px, {one.row.spots} spots. Green: spots that took "
+                    "part; diamonds: markers that the state puts in sight and that have no spot.", "soft")  # fmt: skip
+        for station in loaded.test.stations:
+            if station.name not in one.images.images:
+                report.text(f"{station.name} has no picture of this frame.", "soft")
+                continue
+            with report.part(f"picture of {station.name}, frame {one.row.key}"):
+                image = read(one.images.images[station.name], station)
+                caption = f"{station.name}, frame {one.row.key}."
+                report.raw(pictured_photo(image, one, station.name, loaded.test.markers, caption))
 
 
 def _abscissa(loaded: Loaded, sequence: Sequence) -> tuple[Array, str]:

@@ -12,6 +12,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn, write_png
 from windmark.app.epipolar_pictures import PairWords, pair_picture
+from windmark.app.epipolar_report import Pair, epipolar_page
 from windmark.app.pictures import MISSING
 from windmark.app.verdict_words import verdict_lines
 from windmark.errors import UsageError
@@ -65,16 +66,23 @@ def run(
         sizes = [(int(g.shape[1]), int(g.shape[0])) for g in grey]
         failed: list[str] = record.setdefault("not_drawn", [])
 
+        lines = lines_of(result, clicks, (names[0], names[1]), pair, sizes, both)
+
         def draw() -> Figure:
-            figure = pair_picture(lines_of(result, clicks, (names[0], names[1]), pair, sizes, both), *grey, words=SPOTS)
+            figure = pair_picture(lines, *grey, words=SPOTS)
             _mark_clicks(figure, result, clicks)
             return figure
 
         write_png(out.place / "epipolar.png", draw, failed)
+        show("draw the report")
+        shown = Pair(result, clicks, lines, grey, pair, both)
+        page = epipolar_page(shown, verdict, out)
+        (out.place / "report.html").write_text(page.html(), encoding="utf-8")
+        failed += page.failed
         _write(out.place, result, clicks, (names[0], names[1]), pair, record)
     console.answer({**record, "folder": output}, as_json,
                    [*_lines(result, clicks, pair), *verdict_lines(verdict), *not_drawn(failed),
-                    f"results: {output}"])  # fmt: skip
+                    f"results: {output}", f"report: {output / 'report.html'}"])  # fmt: skip
 
 
 def _mark_clicks(figure: Figure, result: ClickedPair, clicks: Clicks) -> None:

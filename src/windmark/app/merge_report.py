@@ -77,7 +77,7 @@ def _gains(report: Report, item: MergeResult, record: dict) -> None:
     for k, name in enumerate(merged.names):
         g = record["gain"][name]
         shared = int(np.sort(merged.gains.overlap[k])[-2])  # the largest is with itself
-        rows.append((name, f"{g['gain']:.5f}", f"{g['sigma']:.5f}", f"{g['offset']:.2f}", f"{g['offset_sigma']:.2f}",
+        rows.append((name, f"{g['gain']:.5f}", f"{g['sigma']:.5f}", f"{g['offset']:z.2f}", f"{g['offset_sigma']:.2f}",
                      record["nodes_by_source"][name], shared))  # fmt: skip
     report.table(["image", "gain", "sigma", "offset", "sigma", "nodes where it counts most", "well seen with another"],
                  rows)  # fmt: skip

@@ -118,6 +118,7 @@ class Overlay:
     size_px: tuple[int, int]
     layers: dict[str, tuple[str, str]] = field(default_factory=dict)
     names: list[str] = field(default_factory=list)
+    _boxes: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     def spots(self, spots: Detections, kind: NDArray[np.bool_], notes: Sequence[str], words: tuple[str, str]) -> None:
         """Circles of matched (``kind`` True) and spare spots; ``words`` for the two."""
@@ -165,12 +166,22 @@ class Overlay:
                                     f'<path class="residual residuals" d="{drawn}"/>')  # fmt: skip
         self._name(xy, names, "of-matched")
 
-    def lines(self, layer: str, lines: Sequence[Array], words: str, colour: str) -> None:
-        """Lines (N, 2) of a layer of their own."""
+    def lines(self, layer: str, lines: Sequence[Array], words: str, colour: str, width: float = 1.4) -> None:
+        """Lines (N, 2) of a layer of their own, ``width`` pixels of the screen wide."""
         drawn = "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in line.tolist())
                         for line in lines if np.isfinite(line).all())  # fmt: skip
-        style = f"stroke: {colour}; stroke-width: 1.4"
+        style = f"stroke: {colour}; stroke-width: {width:g}"
         self.layers[layer] = (_key(colour, words, "dash"), f'<path class="{layer}" style="{style}" d="{drawn}"/>')
+
+    def together(self, layers: Sequence[str], name: str, words: str) -> None:
+        """Several layers as one with one switch, in the first one's place."""
+        drawn = "".join(self.layers[layer][1] for layer in layers)
+        self.layers = {name if k == layers[0] else k: (_key("#8a94a3", words, "dash"), drawn) if k == layers[0] else v
+                       for k, v in self.layers.items() if k not in layers[1:]}  # fmt: skip
+
+    def names_at(self, xy: Array, names: Sequence[str]) -> None:
+        """Names beside places (K, 2), in the layer of all names."""
+        self._name(xy, names, "of-matched")
 
     def wires(self, lines: Sequence[Array], words: str, most: int = FIRST.wires) -> None:
         """Lines of the projected grid, as many as fit."""
@@ -186,8 +197,19 @@ class Overlay:
         for name, (x, y) in zip(names, xy.tolist(), strict=True):
             right = x > 0.93 * self.size_px[0]
             anchor = ' text-anchor="end"' if right else ""
-            self.names.append(f'<text class="{style}" x="{x + (-step if right else step):.1f}" y="{y - 0.7 * step:.1f}"'
-                              f"{anchor}>{escape(name)}</text>")  # fmt: skip
+            crowded = self._crowded(x + (-step if right else step), y - 0.7 * step, len(name), right=right)
+            self.names.append(f'<text class="{style}{crowded}" x="{x + (-step if right else step):.1f}" '
+                              f'y="{y - 0.7 * step:.1f}"{anchor}>{escape(name)}</text>')  # fmt: skip
+
+    def _crowded(self, x: float, y: float, letters: int, *, right: bool) -> str:
+        """A class for a name that would be written over another one: it is shown when the picture is zoomed."""
+        high = self.size_px[0] / 95
+        wide = 0.62 * high * letters
+        box = (x - wide if right else x, y - 0.8 * high, x if right else x + wide, y + 0.2 * high)
+        if any(o[0] < box[2] and box[0] < o[2] and o[1] < box[3] and box[1] < o[3] for o in self._boxes):
+            return " crowded"
+        self._boxes.append(box)
+        return ""
 
     def html(self, url: str, caption: str) -> str:
         """The whole figure; layers have boxes to switch them, which say what their colour means."""

@@ -155,7 +155,7 @@ def _primaries(report: Report, result: Reconstruction, shown: Shown) -> None:
     report.table(
         ["marker", f"dx, {unit}", "dy", "dz", "distance", "1 sigma x of the table", "y", "z"],
         [
-            (name, *(f"{v:+.4f}" for v in d), f"{np.linalg.norm(d):.4f}", *map(float, s))
+            (name, *(f"{v:+z.4f}" for v in d), f"{np.linalg.norm(d):.4f}", *map(float, s))
             for name, d, s in zip(known.name, known.difference, known.sigma, strict=True)
         ],
     )

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from windmark.app import web
 from windmark.app.alone import alone
 from windmark.app.packing import packed_text
-from windmark.app.wording import setting
+from windmark.app.wording import named, setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -173,7 +173,7 @@ class Report:
         self.heading("Files beside this report")
         self.table(["file", "content"], files)
         self.heading("Options and times")
-        self.table(["option", "value"], [(k, setting(v)) for k, v in options.items()])
+        self.table(["option", "value"], [(named(k), setting(v)) for k, v in options.items()])
         self.table(["stage", "s"], list(seconds.items()))
         self.side_by_side(2)
 
@@ -225,7 +225,7 @@ def measured(value: float, sigma: float, sign: str = "") -> tuple[str, str]:
     if not math.isfinite(value):
         return "–", "–"
     digits = earned_decimals([sigma])
-    return f"{value:{sign}.{digits}f}", f"{sigma:.{digits}f}" if sigma > 0 else "–"
+    return f"{value:{sign}z.{digits}f}", f"{sigma:.{digits}f}" if sigma > 0 else "–"
 
 
 def measured_rows(values: Iterable[Iterable[float]], sigmas: Iterable[Iterable[float]]) -> list[tuple[str, ...]]:
@@ -243,5 +243,5 @@ def cell(value: Any) -> str:
     if isinstance(value, float):
         if value != value:  # NaN
             return "–"
-        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+        return f"{value:z.4g}" if abs(value) < 1e4 else f"{value:.0f}"
     return str(value)

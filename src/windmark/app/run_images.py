@@ -91,7 +91,7 @@ def photo(
     at = answer.matching.detection
     matched[at] = True
     for name, k, (dx, dy) in zip(names, at.tolist(), residual.tolist(), strict=True):
-        notes[k] = f"{name}: {notes[k]}; residual {dx:+.3f}, {dy:+.3f} px".replace("-", "−")
+        notes[k] = f"{name}: {notes[k]}; residual {dx:+z.3f}, {dy:+z.3f} px".replace("-", "−")
     over.spots(spots, matched, notes, (f"matched spot ({len(at)})", f"spot of no marker ({int((~matched).sum())})"))
     missing = np.setdiff1d(item.expected if item.expected is not None else [], answer.matching.marker).astype(int)
     missing_xy = answer.camera.project(answer.cam_from_model.apply(markers.xyz[missing]))[0]
@@ -148,7 +148,7 @@ def residual_chart(names: Sequence[str], residual: np.ndarray) -> str:
                   equal=True)  # fmt: skip
     chart.circle(rms)
     chart.dots(residual[:, 0], residual[:, 1],
-               [f"{n}: {dx:+.3f}, {dy:+.3f} px" for n, (dx, dy) in zip(names, residual.tolist(), strict=True)],
+               [f"{n}: {dx:+z.3f}, {dy:+z.3f} px" for n, (dx, dy) in zip(names, residual.tolist(), strict=True)],
                list(names))  # fmt: skip
     return chart.svg()
 
@@ -235,7 +235,7 @@ def _pose_table(report: Report, item: ImageResult, answer: Registration, unit: s
 def _rows(what: str, values: Sequence[float], sigmas: Sequence[float]) -> list[tuple[str, ...]]:
     """Three numbers and their sigmas: of the least sigma two digits, of the numbers as many."""
     decimals = earned_decimals(sigmas)
-    return [(head, *(f"{v:.{decimals}f}" for v in row)) for head, row in ((what, values), ("1 sigma", sigmas))]
+    return [(head, *(f"{v:z.{decimals}f}" for v in row)) for head, row in ((what, values), ("1 sigma", sigmas))]
 
 
 def _mapping(report: Report, item: ImageResult) -> None:

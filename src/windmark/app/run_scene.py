@@ -104,7 +104,7 @@ def marker_notes(markers: MarkerSet, unit: str) -> tuple[tuple[str, ...], ...]:
         sigma = markers.sigma[k]
         known = np.isfinite(sigma).all() and (sigma > 0).all()
         decimals = earned_decimals(sigma) if known else 4
-        place = ", ".join(f"{v:.{decimals}f}" for v in markers.xyz[k])
+        place = ", ".join(f"{v:z.{decimals}f}" for v in markers.xyz[k])
         lines = [what, f"x, y, z: {place} {unit}"]
         if known:
             lines.append(f"1 sigma: {', '.join(f'{v:.{decimals}f}' for v in sigma)} {unit}")

@@ -214,3 +214,8 @@ def _precision(report: Report, study: Study) -> None:
         " it is that of all markers; in the tables that of the markers found, because the strongly tilted ones are"
         " found less often and known less well.", "soft",
     )  # fmt: skip
+    if not np.isfinite(study.crlb_px).all():
+        report.text(
+            "Where there is a dash there is no bound: a marker that lies within one pixel, without blur, may be"
+            " anywhere in it, and no method can tell where.",
+        )  # fmt: skip

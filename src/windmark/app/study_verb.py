@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,10 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.provenance import Provenance
-from windmark.app.verdict_words import judged
+from windmark.app.verdict_words import judged, put_verdict
 from windmark.compiling import job_time
 from windmark.pipeline.study import Study, StudySettings, run_study
+from windmark.pipeline.verdict import Verdict
 from windmark.pipeline.verdict.study import study_verdict
 
 Record = dict[str, Any]
@@ -23,9 +25,9 @@ def study(settings: StudySettings, output: Path, as_json: bool) -> None:
     with console.progress() as show, console.result_folder(output) as out:
         done = run_study(settings, show)
         show("draw")
-        failed = write_study(done, out)
+        verdict = study_verdict(done.summary())
+        failed = write_study(done, verdict, out)
         record = {**done.record(), "seconds": job_time() - start, "folder": output, "not_drawn": failed}
-        verdict = study_verdict(record["summary"])
         said = judged(record, verdict)
         console.write_summary(out, record)
     lines = [*map(_line, record["summary"]), *said, *not_drawn(failed), f"report: {output / 'study.html'}"]
@@ -35,13 +37,14 @@ def study(settings: StudySettings, output: Path, as_json: bool) -> None:
                        next_step=verdict.next_step)  # fmt: skip
 
 
-def write_study(done: Study, out: io.ResultFolder) -> list[str]:
+def write_study(done: Study, verdict: Verdict, out: io.ResultFolder) -> list[str]:
     """Table, pictures and page of a study; what could not be drawn."""
     from windmark.app.study_pictures import study_page
 
     place = out.place
     io.write_table(place / "study.csv", done.columns())
     page = study_page(done, place)
+    put_verdict(page, verdict)
     page.provenance(Provenance.of_verb(out))
     (place / "study.html").write_text(page.html(), encoding="utf-8")
     return page.failed
@@ -51,8 +54,11 @@ def _line(row: Record) -> str:
     head = f"r0 = {row['r0_px']:g} px, {row['method']}: "
     if row["missed"] == row["markers"]:
         return f"{head}none of {row['markers']} markers found"
+    times = row["rms_over_crlb"]
+    known = math.isfinite(times)
+    bound = f"{times:.2f} times the Cramer-Rao bound" if known else "no bound (markers within one pixel)"
     return (
         f"{head}2 RMS {row['two_rms_px']:.4f} px per axis (worst real radius {row['worst_two_rms_px']:.4f}),"
-        f" {row['rms_over_crlb']:.2f} times the Cramer-Rao bound; {row['missed']} of {row['markers']} not found,"
+        f" {bound}; {row['missed']} of {row['markers']} not found,"
         f" {row['false_spots']} false"
     )

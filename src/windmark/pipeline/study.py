@@ -103,7 +103,8 @@ class Study:
     two_rms_px : 2 rms_px, the paper's uncertainty
     bias_x_px, bias_y_px : mean error, detected minus true
     crlb_px, crlb_found_px : Cramer-Rao bound of rms_px: of all markers on the sheet, of those found. What a method may
-        be compared with is the latter; strongly tilted markers are found less often and known less well
+        be compared with is the latter; strongly tilted markers are found less often and known less well. NaN where some
+        marker has no bound: without blur one that lies within a pixel may be anywhere in it
     """
 
     settings: StudySettings
@@ -146,7 +147,8 @@ class Study:
         weight = found / max(int(found.sum()), 1)
 
         def pooled(rms: Array) -> float:
-            return float(np.sqrt(np.sum(weight * np.nan_to_num(rms[rows]) ** 2))) if found.any() else float("nan")
+            some = found > 0
+            return float(np.sqrt(np.sum(weight[some] * rms[rows][some] ** 2))) if some.any() else float("nan")
 
         rms, crlb = pooled(self.rms_px), pooled(self.crlb_found_px)
         return {
@@ -271,9 +273,14 @@ def measure(spots: Detections, truth: SheetTruth, variance: Array, r0: float) ->
         "two_rms_px": 2 * rms,
         "bias_x_px": float(x.mean()) if found.any() else float("nan"),
         "bias_y_px": float(y.mean()) if found.any() else float("nan"),
-        "crlb_px": float(np.sqrt(variance.mean())),
-        "crlb_found_px": float(np.sqrt(variance[found].mean())) if found.any() else float("nan"),
+        "crlb_px": _bound(variance),
+        "crlb_found_px": _bound(variance[found]),
     }
+
+
+def _bound(variance: Array) -> float:
+    """Of the RMS error per axis; NaN where some marker has none, or there is no marker."""
+    return float(np.sqrt(variance.mean())) if variance.size and np.isfinite(variance).all() else float("nan")
 
 
 def _rms(values: Array) -> float:

@@ -9,6 +9,9 @@ from windmark.detection.template.disc_model import check_photometry, patch_model
 
 Array = NDArray[np.float64]
 
+SINGULAR = 1e-12
+"""Least eigenvalue of the information about scaled unknowns; below it there is none but rounding."""
+
 
 def window_radius(radius_px: ArrayLike, blur_px: ArrayLike, blurs: float = 4.0) -> Array:
     """Radius of the window that holds a marker and enough of what is round it: max(2 r, r + blurs * blur + 1).
@@ -29,13 +32,16 @@ def covariance_bound(jacobian: ArrayLike, noise: float = 1.0) -> Array:
 
     Returns
     -------
-    (..., U, U)
+    (..., U, U), infinite where the pixels do not determine the unknowns (a disc that lies within one pixel)
     """
     rows = np.asarray(jacobian, dtype=float)
     scale = np.linalg.norm(rows, axis=-1)  # the unknowns have different units: scale before inverting
-    rows = rows / scale[..., None]
-    cov = np.linalg.inv(rows @ np.swapaxes(rows, -1, -2)) / (scale[..., None, :] * scale[..., :, None])
-    return np.asarray(cov * noise**2)
+    rows = rows / np.where(scale > 0, scale, 1.0)[..., None]
+    information = rows @ np.swapaxes(rows, -1, -2)
+    known = np.linalg.eigvalsh(information)[..., 0] > SINGULAR
+    cov = np.linalg.inv(np.where(known[..., None, None], information, np.eye(information.shape[-1])))
+    cov = cov / np.where(known[..., None, None], scale[..., None, :] * scale[..., :, None], 1.0)
+    return np.asarray(np.where(known[..., None, None], cov * noise**2, np.inf))
 
 
 def centre_bound(

@@ -23,6 +23,7 @@ from windmark.pipeline.deform.live import Watch
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.outputs import Writer
+from windmark.pipeline.deform.pictured import Gallery
 from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.project import DeformProject
@@ -63,6 +64,7 @@ class Sequence:
     clock : the camera whose pictures are the instants; "" where pictures of one number are of one instant
     remarks : what is odd about the pictures' times
     arrivals : what became of the files that arrived -> how many
+    gallery : the instants that are shown by their pictures, of those that this run measured
     """
 
     records: list[FrameRecord] = field(default_factory=list)
@@ -75,6 +77,7 @@ class Sequence:
     clock: str = ""
     remarks: tuple[str, ...] = ()
     arrivals: Counter[str] = field(default_factory=Counter)
+    gallery: Gallery = field(default_factory=Gallery)
     _stride: int = 1
 
     def films(self, row: FrameRecord) -> bool:
@@ -234,6 +237,7 @@ class _Job:
         kept = frame.state if out.films(row) else None
         writer.add(frame, images, row, values, of_points, state=kept, compared=compared, handed_on=self.handed_on)
         out.keep(row, kept)
+        out.gallery.look(row, frame, images, loaded.test)
         return row
 
     def _told(self, frames: Watch, writer: Writer) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -22,9 +23,11 @@ def study_verdict(summary: Sequence[Record]) -> Verdict:
         best.append(row)
         found += [f.at(f"radius {r0:g} px") for f in _row(row)]
     worst = max(best, key=lambda row: row["two_rms_px"])
+    times = worst["rms_over_crlb"]
+    bound = f", {g2(times)} times the least that pictures allow" if math.isfinite(times) else ""
     return Verdict.of(
         found, len(best), f"centres are known to {g2(worst['two_rms_px'] / 2)} px (1 sigma per axis, radius "
-        f"{worst['r0_px']:g} px), {g2(worst['rms_over_crlb'])} times the least that pictures allow",
+        f"{worst['r0_px']:g} px){bound}",
         "plan markers of the radius whose error the measurement can bear", what="radii",
     )  # fmt: skip
 
