@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from windmark.pipeline.verdict.doubts import STEPS
 from windmark.scene.units import SIGMAS_OFF
 
 MOVED = ("place in the rig", "not where it is said to be", "not where cam_from_rig says")
@@ -33,6 +34,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     ("picture or the table is mirrored", "mirrored", _STEPS["mirrored"]),
     ("of the picture is saturated", "saturated", _STEPS["saturated"]),
     ("as its camera says (width x height)", "camera", _STEPS["size"]),
+    ("too simple: what is left looks like", "bent", STEPS["bent"]),
 )
 """Words, the cause of the verdict, and the next step; the first that a sentence has."""
 

@@ -20,7 +20,7 @@ from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
 from windmark.tasks.deform.sights import Usual, sight
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
-from windmark.tasks.deform.states import implausible, start_pose, state_of
+from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
 from windmark.tasks.deform.task import (
     DeformationTest,
     DeformedFrame,
@@ -129,7 +129,7 @@ class _Follower:
             status, spots = "cold", self._everything(images)
             found = self._cold(images, spots)
             if isinstance(found, str):
-                why = "; ".join(part for part in (why, found) if part)
+                why = both_reasons(why, found)
                 believed = self._believed(images)
                 status, found = "tracked", self._nearest(believed, {n: spots[n] for n in believed})
                 if found is not None:

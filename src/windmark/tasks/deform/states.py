@@ -20,6 +20,8 @@ MOST_RMS_PX = 4.0
 """A state that leaves such residuals is no state of this model: tables and lenses are off by less."""
 MOST_OUT = 0.2
 """A tracked frame with more outliers than this part is looked at again without expectations."""
+_LACKS = "too simple: what is left"
+"""Words of a doubt that a law cannot do what the model does."""
 
 
 def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFrame:
@@ -69,4 +71,16 @@ def implausible(state: Deformation) -> str | None:
     if state.rms_px > MOST_RMS_PX:
         return f"the laws leave residuals of {state.rms_px:.1f} px"
     out = int((~state.used).sum())
-    return f"{out} of {len(state.used)} spots contradict the others" if out > MOST_OUT * len(state.used) else None
+    if out <= MOST_OUT * len(state.used):
+        return None
+    many = f"{out} of {len(state.used)} spots contradict the others"
+    # What a camera or a law lacks leaves out spots until the rest fits, whose pattern still tells it. Where a camera is
+    # at fault the model seems to bend, too.
+    told = next((some for causes in (("moved", "picture"), ("bent",))
+                 if (some := [str(doubt) for doubt in state.doubts if doubt.cause in causes])), [])  # fmt: skip
+    return f"{'; '.join(told)} ({many})" if told else many
+
+
+def both_reasons(tracked: str, cold: str) -> str:
+    """Why neither look, near the last frame and anywhere, gave a state; once where a law lacks something."""
+    return "; ".join(part for part in ("" if _LACKS in cold else tracked, cold) if part)
