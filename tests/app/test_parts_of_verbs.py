@@ -72,9 +72,12 @@ def test_undistort_without_its_pictures_and_one_image(windmark, sheets, tmp_path
     out = tmp_path / "out"
     done = windmark("undistort", *all_of(sheets), "-c", sheets / "camera.json", "--field", "--picture", "-o", out,
                     "--json")  # fmt: skip
-    no_pictures(done, 3)
+    no_pictures(done, 5)
+    assert (out / "report.html").read_text(encoding="utf-8").count("This part is missing: ") == 2
     assert (list(done.json["images"]), list(done.json["left_out"])) == (["a.tif", "c.tif"], ["b.tif"])
-    assert sorted(p.name for p in out.iterdir()) == ["a.tif", "c.tif", "camera.json", "manifest.json", "valid.png"]
+    assert sorted(p.name for p in out.iterdir()) == [
+        "a.tif", "c.tif", "camera.json", "manifest.json", "report.html", "valid.png",
+    ]  # fmt: skip
 
 
 def test_pov_without_its_picture(windmark, virtual_test, tmp_path, no_pictures):
