@@ -199,6 +199,22 @@ def moved(rng: np.random.Generator, cameras: int, walls: bool, degrees: float) -
     return case
 
 
+def late(rng: np.random.Generator, cameras: int, walls: bool) -> Case:
+    """One camera's picture is of another moment: its wing is bent and twisted 0.2 to 0.8 times as much."""
+    case, who = wing(rng, cameras, walls=walls), int(rng.integers(cameras))
+    now, q = case.seen, case.q
+    case.q = rng.uniform(0.2, 0.8) * q
+    case.look(rng)
+    then, case.q = case.seen, q
+    assert now is not None
+    assert then is not None
+    parts = [(now, now.view != who), (then, then.view == who)]
+    case.seen = Observations(*(np.concatenate([getattr(seen, name)[own] for seen, own in parts])
+                               for name in ("view", "point", "xy", "cov")))  # fmt: skip
+    case.named = ("different moments",)
+    return case
+
+
 def displaced(rng: np.random.Generator, every: bool, by: float) -> Case:
     """The table of markers is off, or one marker stands elsewhere."""
     case = wing(rng)
@@ -274,6 +290,9 @@ KINDS: dict[str, Callable[[np.random.Generator], Case]] = {
     "moved 0.3 deg: 1 of 2": lambda rng: moved(rng, 2, False, 0.3),
     "moved 0.03 deg: 1 of 3": lambda rng: moved(rng, 3, False, 0.03),
     "moved 0.3 deg: 1 of 3": lambda rng: moved(rng, 3, False, 0.3),
+    "late: 1 of 2": lambda rng: late(rng, 2, False),
+    "late: 1 of 2, walls": lambda rng: late(rng, 2, True),
+    "late: 1 of 3": lambda rng: late(rng, 3, False),
     "marker 2 mm off": lambda rng: displaced(rng, False, 2.0),
     "table off by 0.2 mm": lambda rng: displaced(rng, True, 0.2),
     "noise 2 times the stated": lambda rng: noisier(rng, 2.0),

@@ -252,3 +252,25 @@ def test_exchanged_labels_are_named_with_their_view(both):
     assert found.warnings == (f"labels of m4 and m31 are exchanged in {where}",)
     assert found.suspect == ("m4", "m31")
     assert (np.abs(z_of(found, Q)) < 4).all()
+
+
+@pytest.mark.parametrize("wall", [False, True])
+def test_a_picture_of_another_moment_is_named_as_that_and_no_law_and_no_camera(wall):
+    """The wing was said to stretch and to sway: each camera fits the laws alone, in states of its own."""
+    for k, part in enumerate((0.0, 0.5, 0.8)):
+        now, then = seen(wall=wall), seen(q=part * Q, wall=wall)
+        late = replace(now, xy=np.where((now.view == k % 2)[:, None], then.xy, now.xy))
+        found = identify(observed(late, np.random.default_rng([77, k])), MARKERS, PARTS, CAMERAS, VIEWS)
+        said = " ".join(found.warnings)
+        assert "wing.bend_2 is " in said
+        assert " by it alone and " in said
+        assert said.count("pictures of different moments") == 1
+        assert "too simple:" not in said
+        assert "not where it should be" not in said
+        assert {d.cause for d in found.doubts} <= {"picture", "noise"}
+
+
+def test_a_law_that_lacks_something_is_no_picture_of_another_moment():
+    for k in range(4):
+        found = identify(observed(seen(wall=k > 1), np.random.default_rng([35, k])), MARKERS, SIMPLE, CAMERAS, VIEWS)
+        assert "different moments" not in " ".join(found.warnings)

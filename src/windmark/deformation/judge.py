@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,8 @@ from windmark.deformation.equations import Equations
 from windmark.deformation.lost import lost
 from windmark.deformation.misfit import Misfit
 from windmark.deformation.moved import candidates, moved, price
-from windmark.deformation.patterns import pattern_of
+from windmark.deformation.own_state import MOMENTS, OwnState, two_moments
+from windmark.deformation.patterns import Pattern, pattern_of
 from windmark.deformation.result import NotIdentified
 from windmark.deformation.solve import Solved
 from windmark.errors import g2
@@ -59,10 +61,12 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
         return solved, Verdict(doubts=tuple(doubts), unchecked=unknown)
     equations = Equations(solved)
     pattern = pattern_of(equations) if chi2 > redundancy else None
+    best = price(solved, pattern)
+    apart = two_moments(solved, best) if pattern is not None else None
     views = {v.name for v in solved.task.views}
     suspect = tuple(n for d in doubts for n in d.names if n in views)
     if free_moved and (pattern is not None or suspect or chdtrc(redundancy, chi2) < WORTH):
-        found = moved(solved, candidates(equations, suspect), price(solved, pattern))
+        found = moved(solved, candidates(equations, suspect), best if apart is None else apart.price)
         if isinstance(found, NotIdentified):
             return found
         if found is not None:
@@ -70,15 +74,7 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
             return healed, Verdict(doubts=(doubt, *lost(healed)), unchecked=unknown)
     if pattern is not None:
         chi2, redundancy = chi2 - pattern.test, redundancy - pattern.rank
-        by_volume: dict[str, list[str]] = {}
-        for volume, words in pattern.looks:
-            by_volume.setdefault(volume, []).append(words)
-        laws = {part.name for part in solved.task.volumes.parts if part.law is not None}
-        for volume, kinds in by_volume.items():
-            head = "law of {} too simple" if volume in laws else "{} deforms and has no law"
-            more = f" (and {len(kinds) - TOLD} more)" if len(kinds) > TOLD else ""
-            named = " and ".join(kinds[:TOLD])
-            doubts.append(Doubt((volume,), f"{head}: what is left looks like {named}{more}", "bent"))
+        doubts += _lacking(solved, pattern) if apart is None else _of_two_moments(solved, apart, doubts)
     scale = 1.0
     if chdtrc(redundancy, chi2) < FALSE:
         scale = chi2 / redundancy
@@ -87,3 +83,23 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
                             "spots or the table of markers are less certain, or the laws too simple",
                             "noise"))  # fmt: skip
     return solved, Verdict(scale, pattern.misfit if pattern else None, tuple(doubts), unknown)
+
+
+def _lacking(solved: Solved, pattern: Pattern) -> list[Doubt]:
+    """What the laws lack, by volumes."""
+    out, by_volume = [], dict[str, list[str]]()
+    for volume, words in pattern.looks:
+        by_volume.setdefault(volume, []).append(words)
+    laws = {part.name for part in solved.task.volumes.parts if part.law is not None}
+    for volume, kinds in by_volume.items():
+        head = "law of {} too simple" if volume in laws else "{} deforms and has no law"
+        more = f" (and {len(kinds) - TOLD} more)" if len(kinds) > TOLD else ""
+        out.append(Doubt((volume,), f"{head}: what is left looks like {' and '.join(kinds[:TOLD])}{more}", "bent"))
+    return out
+
+
+def _of_two_moments(solved: Solved, apart: OwnState, doubts: Sequence[Doubt]) -> list[Doubt]:
+    """That a view shows another state, unless it is said already."""
+    name = solved.task.views[apart.view].name
+    said = any(MOMENTS in doubt.words for doubt in doubts)
+    return [] if said else [Doubt((name,), f"{{}} shows another state: {apart.words}", "picture")]

@@ -10,6 +10,7 @@ from scipy.special import bdtrc, chdtrc
 
 from windmark.adjust import exchanged_pairs
 from windmark.deformation.misfit import length_unit
+from windmark.deformation.own_state import own_state
 from windmark.deformation.sighting import LAW, MOTION, by_place, in_tunnel
 from windmark.deformation.solve import Solved
 from windmark.errors import g2
@@ -99,7 +100,8 @@ def _views(solved: Solved) -> list[Doubt]:
             words = f"{gone} of the {every} spots of {{}} on walls are beside their places, its others are not: it "
             out.append(Doubt((name,), f"{words}is not where it is said to be, or the walls' markers are not", "moved"))
         elif _many(bad, own, QUARTER):
-            words = f"{{}} lost {int((bad & own).sum())} of its {int(own.sum())} spots: it moved, or has wrong labels"
+            words = f"{{}} lost {int((bad & own).sum())} of its {int(own.sum())} spots: "
+            words += "it moved, or has wrong labels" if (state := own_state(solved, n)) is None else state.words
             out.append(Doubt((name,), words, "picture"))
     return out
 

@@ -9,7 +9,7 @@ STEPS = {
     "units": "correct the unit of places or radii in the table of markers",
     "swapped": "correct the names in the table of marks, or take the exchange as found",
     "marker": "measure it again, or leave it out",
-    "picture": "see that this picture is one of this camera, its focus and its labels; else leave it out",
+    "picture": "see that this picture is of this camera and moment, its focus and its labels; else leave it out",
     "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",
     "control": "measure the named ones again, or leave the wrong one out",
     "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
