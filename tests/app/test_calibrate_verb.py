@@ -155,6 +155,10 @@ def test_the_grid_tells_how_discs_are_bent(windmark, plate, undrawn, monkeypatch
     io.write_markers(folder / "rough.csv", MarkerSet.make(names, far, radius=size / 60, normal=up))
     done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
     assert (done.code, "dome.stl: does nothing as --grid: " in done.err) == (2, True), done.err
+    walls = MarkerSet.make(names, on, radius=size / 60, normal=up, role=["wall"] * len(on))
+    io.write_markers(folder / "rough.csv", walls)
+    done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")  # a grid of walls
+    assert "--grid" not in done.err
     done = windmark("calibrate", folder / "matches.csv", "--board", 3, "--unit", "mm", "-g", folder / "dome.stl")
     assert done.code == 2
     assert "a board is flat" in done.err

@@ -274,3 +274,14 @@ def test_a_law_that_lacks_something_is_no_picture_of_another_moment():
     for k in range(4):
         found = identify(observed(seen(wall=k > 1), np.random.default_rng([35, k])), MARKERS, SIMPLE, CAMERAS, VIEWS)
         assert "different moments" not in " ".join(found.warnings)
+
+
+@pytest.mark.parametrize("marks", [0, 1, 4])
+def test_a_view_with_few_marks_or_none_is_no_state_of_its_own(marks):
+    truth = seen(wall=True)
+    few = np.flatnonzero(truth.view == 1)[marks:]
+    spots = observed(truth, np.random.default_rng(78), only=lambda t: ~np.isin(np.arange(len(t.view)), few))
+    found = identify(spots, MARKERS, SIMPLE, CAMERAS, VIEWS)
+    assert isinstance(found, Deformation)
+    assert "too simple" in " ".join(found.warnings)
+    assert "different moments" not in " ".join(found.warnings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -131,8 +132,7 @@ def _section(report: Report, one: Shown, room: int) -> None:
     if others is None or not len(others.xy):
         return
     report.heading(f"{others.what[0].upper()}{others.what[1:]}s", 3)
-    counts = [(words, list(others.reason).count(words)) for words in dict.fromkeys(others.reason)]
-    report.table(["reason", "number"], sorted(counts, key=lambda row: -row[1]))
+    report.table(["reason", "number"], Counter(others.reason).most_common())
     some = slice(0, LISTED)
     rows = [(label, f"{x:.1f}", f"{y:.1f}", f"{r:.1f}" if np.isfinite(r) else None,
              f"{m:.3f}" if np.isfinite(m) else None, why)

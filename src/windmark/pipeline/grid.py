@@ -78,7 +78,8 @@ def curved_by(markers: MarkerSet, grid: Path, lengths: Lengths) -> tuple[MarkerS
     known = np.isfinite(markers.normal).all(axis=1) & np.isfinite(markers.radius)
     if not known.any():
         raise io.FileError(grid, "does nothing as --grid: no marker of the table has a normal and a radius")
-    asked = np.flatnonzero(known & (markers.role != "wall"))  # those of walls are on no grid of a model
+    model = known & (markers.role != "wall")
+    asked = np.flatnonzero(model if model.any() else known)  # walls are on no grid of a model, but on one of walls
     reach = max(ROUGH * mesh.size, float(markers.radius[known].max()))
     near = resection.nearest_on_surface(mesh, markers.xyz[asked], max_distance=reach)
     flat = int((near.triangle < 0).sum())

@@ -33,8 +33,7 @@ def places(
     -------
     Triangulation
         Its covariance holds that of the spots, larger by sigma0 where residuals are larger than they say, and that of
-        the pose; the latter is one for all places: they move
-        together more than these ellipsoids say.
+        the pose; the latter is one for all places: they move together more than these ellipsoids say.
 
     Raises
     ------
