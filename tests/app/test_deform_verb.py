@@ -1,6 +1,7 @@
 """`windmark deform`: a synthetic test end to end, users' laws, bad frames, live, and bad input."""
 
 import csv
+import json
 import shutil
 import threading
 import time
@@ -88,6 +89,9 @@ def test_all_files_agree(made, done):
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "Bending and twist along the span" in page
     assert "Wind-off zero" in page
+    zero = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["zero"]
+    assert f"(marker {zero['marker']})" in page
+    assert zero["deformed"] < 4 * zero["deformed_sigma"], "it was drawn undeformed"
     shown = page.count('<figure class="wm-photo">')  # both cameras, of the first and of the worst frame
     assert shown == page.count("What the cameras saw: frame") * 2 > 0
     photos = page.split('<figure class="wm-photo">')[1:]

@@ -4,12 +4,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-from swept_scenes import BEAM, CAMERAS, MARKERS, PARTS, VIEWS, observed, seen
+from swept_scenes import BEAM, CAMERAS, MARKERS, PARTS, VIEWS, VOLUMES, Q, observed, seen
 
 from windmark.deformation import Volume, identify
 from windmark.deformation.laws import Powers
 from windmark.pipeline.deform import DeformedFrame
-from windmark.pipeline.deform.record import DOUBTFUL, doubtful, record
+from windmark.pipeline.deform.record import DOUBTFUL, Zero, doubtful, record
 from windmark.scene import Observations
 
 
@@ -43,3 +43,19 @@ def test_a_frame_that_its_laws_do_not_explain_is_a_misfit_and_says_why():
     assert wrong.status == "misfit"
     assert wrong.reason.startswith("camera: dark; law of wing too simple: what is left looks like bending of")
     assert wrong.suspect == ("wing",)
+
+
+def test_a_wind_off_zero_says_how_far_it_is_from_the_tables_shape():
+    """A frame that had a load on it is no zero; a picture cannot tell, but the size of it can be read."""
+    rng = np.random.default_rng(4)
+    still, bent = (
+        Zero.of([identify(observed(seen(q=q), rng), MARKERS, PARTS, CAMERAS, VIEWS) for _ in range(2)], None, MARKERS)
+        for q in (0 * Q, Q)
+    )
+    size = np.linalg.norm(VOLUMES.bind(MARKERS.xyz, MARKERS.volume).place(Q) - MARKERS.xyz, axis=1)
+    assert (bent.frames, bent.marker) == (2, MARKERS.name[size.argmax()])
+    assert abs(bent.deformed - size.max()) < 4 * bent.deformed_sigma < 0.02 * size.max()
+    assert still.deformed < 4 * still.deformed_sigma
+    assert bent.words("mm").startswith(f"by the laws up to {bent.deformed:.3g}")
+    assert "no other shape" in replace(still, deformed=2 * still.deformed_sigma).words("mm")
+    assert "or a load" in replace(still, deformed=4 * still.deformed_sigma).words("mm")

@@ -100,7 +100,8 @@ def _overview(report: Report, loaded: Loaded, sequence: Sequence, record: dict[s
         size = np.linalg.norm(sequence.moved, axis=1)
         report.text(
             f"Wind-off zero: mean of {sequence.zero.frames} frames. It moved the markers by {g3(np.median(size))} "
-            f"{loaded.project.length_unit} (median) from their table, at most {g3(size.max())}."
+            f"{loaded.project.length_unit} (median) from their table, at most {g3(size.max())}; and "
+            f"{sequence.zero.words(loaded.project.length_unit)}."
         )
     else:
         report.text("No wind-off zero: values are relative to the table of markers, whose errors they contain.", "bad")

@@ -157,6 +157,9 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
         record[status] = sum(r.status == status for r in rows)
     if sequence.arrivals:
         record["files"] = dict(sequence.arrivals)
+    if (zero := sequence.zero) is not None:
+        record["zero"] = {"frames": zero.frames, "marker": zero.marker, "deformed": zero.deformed,
+                          "deformed_sigma": zero.deformed_sigma}  # fmt: skip
     if good:
         record["median_spots"] = float(np.median([r.spots for r in good]))
         record["outliers"] = int(sum(r.outliers for r in good))
@@ -247,6 +250,8 @@ def _lines(loaded: Loaded, sequence: Sequence, record: Record) -> list[str]:
                          if n != sequence.clock and of["max_lag_s"] is not None)  # fmt: skip
         lines.append(f"instants: those of {sequence.clock}; others' spots are interpolated between their pictures "
                      f"(nearest picture off by: {lags or 'none'})")  # fmt: skip
+    if sequence.zero is not None:
+        lines.append(f"wind-off zero: {sequence.zero.words(loaded.project.length_unit)}")
     if sequence.good:
         lines.append(
             f"median: {record['median_spots']:.0f} spots, RMS {record['median_rms_px']:.3f} px, sigma0 "

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation, SpanValues, Stations, span_values
+from windmark.errors import g2, g3
 from windmark.geometry import Pose
 from windmark.geometry.rotations import log_so3
 from windmark.scene import MarkerSet
@@ -21,6 +22,8 @@ MOTION = ("shift_x", "shift_y", "shift_z", "turn_x_deg", "turn_y_deg", "turn_z_d
 """The rigid motion of the model in the tunnel's axes: shift of its markers' centre, rotation vector."""
 MISFIT = "misfit"
 """Status of a frame whose laws do not explain it: its numbers are there, with sigmas that contain the misfit."""
+SURE = 3.0
+"""Sigmas from which a shape is another one."""
 DOUBTFUL = 5.0
 """A spot whose sigma is so many times the median of its frame has something on it or beside it."""
 
@@ -35,15 +38,19 @@ class Zero:
     tunnel_from_model : rigid motion
     span : bending and twist, in the model's frame and with the rigid motion; None without stations
     frames : how many frames it is the mean of
+    marker, deformed, deformed_sigma : the marker that the laws moved farthest from its table, how far, and its sigma
     """
 
     q: Array
     tunnel_from_model: Pose
     span: tuple[SpanValues, SpanValues] | None = None
     frames: int = 0
+    marker: str = ""
+    deformed: float = 0.0
+    deformed_sigma: float = 0.0
 
     @staticmethod
-    def of(states: Sequence[Deformation], stations: Stations | None) -> Zero:
+    def of(states: Sequence[Deformation], stations: Stations | None, markers: MarkerSet) -> Zero:
         """The mean of wind-off states, at least one."""
         q = np.mean([s.q for s in states], axis=0)
         first = states[0].tunnel_from_model
@@ -51,7 +58,30 @@ class Zero:
         span = None
         if stations is not None:
             span = tuple(_mean([span_values(s, stations, frame=f) for s in states]) for f in ("model", "tunnel"))
-        return Zero(q, Pose.exp(away) @ first, span, len(states))  # type: ignore[arg-type]
+        farthest = _farthest(states, markers)
+        return Zero(q, Pose.exp(away) @ first, span, len(states), *farthest)  # type: ignore[arg-type]
+
+
+    def words(self, unit: str) -> str:
+        """How far the laws have it from the table's shape. Pictures do not tell a load from the model's own weight."""
+        size = f"up to {g3(self.deformed)} ± {g2(self.deformed_sigma)} {unit} (marker {self.marker})"
+        if self.deformed < SURE * self.deformed_sigma:
+            return f"by the laws no other shape than the table's, {size}"
+        return (f"by the laws {size} from the table's shape: the model's own weight, a setting, an error of the table, "
+                "or a load; all results are relative to it")  # fmt: skip
+
+
+def _farthest(states: Sequence[Deformation], markers: MarkerSet) -> tuple[str, float, float]:
+    """The marker that the laws move farthest in the mean of the states: its name, how far, and the sigma of it."""
+    model = np.flatnonzero(markers.role != "wall")
+    xyz, volume = markers.xyz[model], markers.volume[model]
+    places = [state.place(xyz, volume, frame="model") for state in states]
+    change = np.mean([place for place, _ in places], axis=0) - xyz
+    size = np.linalg.norm(change, axis=1)
+    k = int(size.argmax())
+    along = change[k] / size[k] if size[k] > 0 else np.full(3, 3.0**-0.5)
+    cov = np.mean([cov[k] for _, cov in places], axis=0) / len(states)
+    return str(markers.name[model[k]]), float(size[k]), float(np.sqrt(max(along @ cov @ along, 0.0)))
 
 
 def _mean(values: Sequence[SpanValues]) -> SpanValues:

@@ -311,7 +311,7 @@ def zeroed(
     corrected = zero_markers(states, seen, [[View(n, n) for n in f.views] for f, _ in good], loaded.test.markers)
     test = replace(loaded.test, markers=corrected.markers, marker_cov=corrected.cov)
     good = [(identified_again(frame, test), images) for frame, images in good]
-    zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations)
+    zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations, corrected.markers)
     return replace(loaded, test=test), zero, corrected.shift, good
 
 
