@@ -7,6 +7,8 @@ import windmark.detection as wd
 
 NOISE = np.random.default_rng(0).normal(100, 3, (64, 64))
 
+DISC = np.hypot(*(np.indices((60, 60)) - 30.0)) > 4.0  # as a threshold leaves it
+
 
 @pytest.mark.parametrize(
     ("image", "options", "words"),
@@ -17,6 +19,8 @@ NOISE = np.random.default_rng(0).normal(100, 3, (64, 64))
         (NOISE[:2], {"radius_px": 3.0}, "smaller than 3 x 3"),
         (NOISE[:10, :30], {"radius_px": 6.0}, "30 x 10 px is smaller than a marker of radius 6 px"),
         (NOISE, {}, "no radius prevails"),
+        (DISC, {"radius_px": 4.0}, "only 2 grey levels"),
+        (DISC, {}, "only 2 grey levels"),
         (np.add.outer(np.arange(64.0), np.arange(64.0)), {"radius_px": 4.0}, "nothing dark of this size"),
     ],
 )

@@ -11,6 +11,7 @@ from windmark.detection.image import Prepared, check_image, check_polarity, prep
 from windmark.detection.look import measured_regions, separate
 from windmark.detection.options import QUALITY_MIN
 from windmark.detection.quantile import weighted_quantile
+from windmark.detection.search import few_levels
 from windmark.detection.shape import Shapes
 from windmark.detection.spots import MERIT_FLOOR, Spots, quality
 from windmark.options.detection import POLARITY
@@ -89,7 +90,10 @@ def prevailing(image: Prepared) -> RadiusEstimate:
     """`estimate_radius` of a prepared image."""
     radius, depth, evidence = clear_spots(image)
     if len(radius) < LEAST_SPOTS:
-        return _none(f"only {len(radius)} clear spots of any size")
+        if few := few_levels(image):
+            return RadiusEstimate(float("nan"), (), 0, 0, few)
+        spots = f"only {len(radius)} clear spot{'s' if len(radius) > 1 else ''}" if len(radius) else "no clear spot"
+        return _none(f"{spots} of any size")
     log = np.log(radius)
     at = np.arange(log.min() - WIDTH, log.max() + WIDTH, 0.02)
     density = np.exp(-0.5 * ((at[:, None] - log) / WIDTH) ** 2) @ evidence

@@ -84,6 +84,15 @@ def surface_noise(image: Prepared, radius_px: float) -> Array:
     return np.maximum(noise_tiles(image.g, TILE * bin_factor(radius_px), lag), image.quantum)
 
 
+def few_levels(image: Prepared) -> str:
+    """That no depth can exceed the steps between grey levels, which are taken as noise; "" where one can."""
+    steps = float(np.nanmax(image.g) - np.nanmin(image.g)) / image.quantum
+    if steps > GATE_SIGMA:
+        return ""
+    return (f"the image has only {round(steps) + 1} grey levels, from which no centre can be measured (thresholded, or "
+            "far too dark): expected as the camera took it")  # fmt: skip
+
+
 def at_tiles(noise: Array, xy: Array, radius_px: float) -> Array:
     """The noise of the tiles in which the points xy (K, 2) lie: (K,)."""
     index = (xy / (TILE * bin_factor(radius_px))).astype(np.int64)

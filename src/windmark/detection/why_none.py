@@ -14,6 +14,7 @@ from windmark.detection.image import check_image, check_mask, check_polarity, pr
 from windmark.detection.options import Options, check_radii
 from windmark.detection.radius import prevailing
 from windmark.detection.rejected import REASONS
+from windmark.detection.search import few_levels
 
 
 def why_none(image: ArrayLike, **options: Any) -> str:
@@ -50,7 +51,8 @@ def why_none(image: ArrayLike, **options: Any) -> str:
     if len(found):
         return ""
     if not len(rejected):
-        return _with_hint(f"nothing {asked.polarity} of this size rises out of the noise", image, given)
+        none = f"nothing {asked.polarity} of this size rises out of the noise"
+        return few_levels(prepared) or _with_hint(none, image, given)
     codes, counts = np.unique(rejected.reason, return_counts=True)
     order = np.argsort(-counts, kind="stable")
     words = "; ".join(f"{counts[k]} {REASONS[int(codes[k])]}" for k in order)
