@@ -111,3 +111,30 @@ def test_pieces_are_what_hangs_together_by_common_places_also_when_moved():
     bent = mesh.moved(xyz + np.arange(12)[:, None])
     assert bent.moved(2 * xyz).pieces.tolist() == bent.pieces.tolist() == mesh.pieces.tolist()
     assert len(Mesh.make(np.zeros((0, 3)), np.zeros((0, 3), int)).pieces) == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "want"),
+    [(0.1, [0.1] * 3), ([1, 2, 3.0], [1, 2, 3.0]), ([1, 2, 3, 4.0], [4.0] * 3), ([[4], [0], [0], [4.0]], [4.0] * 3)],
+)
+def test_one_sigma_for_all_per_axis_or_per_marker(given, want):
+    assert MarkerSet.make(list("abcd"), np.zeros((4, 3)), sigma=given).sigma[3].tolist() == want
+
+
+def test_three_numbers_for_three_markers_may_be_either_and_are_refused():
+    with pytest.raises(ValueError, match=r"sigma of three markers must be \(3, 1\)"):
+        MarkerSet.make(list("abc"), np.zeros((3, 3)), sigma=[0.1, 0.2, 0.3])
+    assert MarkerSet.make(list("abc"), np.zeros((3, 3)), sigma=[0.1, 0.1, 0.1]).sigma.tolist() == [[0.1] * 3] * 3
+
+
+@pytest.mark.parametrize("column", ["sigma", "radius", "normal"])
+def test_a_column_of_another_length_is_named(column):
+    with pytest.raises(ValueError, match=f"{column} must be .* for 4 names, got"):
+        MarkerSet.make(list("abcd"), np.zeros((4, 3)), **{column: np.ones((5, 3))})
+
+
+def test_places_are_not_cut_anew():
+    with pytest.raises(ValueError, match=r"xyz must be \(3, 3\) for 3 names, got \(3, 2\)"):
+        MarkerSet.make(list("abc"), np.zeros((3, 2)))
+    with pytest.raises(ValueError, match=r"xyz must be \(2, 3\) for 2 names, got \(3, 2\)"):
+        MarkerSet.make(list("ab"), np.zeros((3, 2)))

@@ -98,16 +98,19 @@ class MarkerSet:
         role: Sequence[str] | NDArray[np.str_] | str = "model",
         length_unit: str = "",
     ) -> MarkerSet:
-        """Markers from what is known; scalars and missing columns are filled, normals made unit length."""
+        """Markers from what is known; scalars and missing columns are filled, normals made unit length.
+
+        ``sigma``: one for all, (3,) per axis, (N,) per marker, or (N, 3).
+        """
         n = len(name)
-        normals = np.full((n, 3), np.nan) if normal is None else np.array(normal, dtype=float).reshape(-1, 3)
+        normals = np.full((n, 3), np.nan) if normal is None else _places("normal", normal, n)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, length, out=np.full_like(normals, np.nan), where=length > 0)
         return MarkerSet(
             name=np.asarray(name, dtype=np.str_),
-            xyz=np.array(xyz, dtype=float).reshape(-1, 3),
-            sigma=_filled(sigma, (n, 3)),
-            radius=_filled(radius, (n,)),
+            xyz=_places("xyz", xyz, n),
+            sigma=_filled("sigma", _per_marker(sigma, n), (n, 3)),
+            radius=_filled("radius", radius, (n,)),
             normal=normals,
             volume=_text(volume, n),
             role=_text(role, n),
@@ -143,10 +146,33 @@ class MarkerSet:
         return self.take(np.isin(self.role, roles))
 
 
-def _filled(values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+def _places(column: str, values: ArrayLike, n: int) -> Array:
+    """(N, 3); of a single marker three numbers will do."""
+    given = np.array(values, dtype=float)
+    if not (given.shape == (n, 3) or (given.size == 3 * n and n <= 1)):
+        raise ValueError(f"MarkerSet: {column} must be {(n, 3)} for {n} names, got {given.shape}")
+    return given.reshape(n, 3)
+
+
+def _per_marker(sigma: ArrayLike | None, n: int) -> ArrayLike | None:
+    """One sigma for each marker as a column; of three markers nobody knows whether three numbers are theirs."""
+    given = np.shape(sigma) if sigma is not None else ()
+    if given != (n,) or n == 1:
+        return sigma
+    values = np.asarray(sigma, dtype=float)
+    if n == 3 and np.ptp(values) > 0:
+        raise ValueError("MarkerSet: sigma of three markers must be (3, 1), one each, or (1, 3), per axis; got (3,)")
+    return values[:, None]
+
+
+def _filled(column: str, values: ArrayLike | None, shape: tuple[int, ...]) -> Array:
     if values is None:
         return np.full(shape, np.nan)
-    return np.array(np.broadcast_to(np.asarray(values, dtype=float), shape))
+    given = np.asarray(values, dtype=float)
+    try:
+        return np.array(np.broadcast_to(given, shape))
+    except ValueError:
+        raise ValueError(f"MarkerSet: {column} must be {shape} for {shape[0]} names, got {given.shape}") from None
 
 
 def _text(values: Sequence[str] | NDArray[np.str_] | str, n: int) -> NDArray[np.str_]:
