@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from windmark import io, synth
+from windmark.geometry import Camera, Pose
 from windmark.pipeline.track_files import FollowOptions, follow
 from windmark.pipeline.track_results import PoseRow, match_columns, pose_columns, pov_with_sigma
+from windmark.scene import MarkerSet
 
 FRAMES = 10
 OPTIONS = FollowOptions(radius_px=(2.5,))
@@ -121,3 +123,35 @@ def test_sigma_of_the_point_of_view_is_that_of_scattered_poses():
     some = [type(pose).exp(d) @ pose for d in rng.multivariate_normal(np.zeros(6), cov, 4000)]
     pov = np.array([[p.rx_deg, p.ry_deg, p.rz_deg, p.dx, p.dy, p.dz] for p in (s.to_pov() for s in some)])
     np.testing.assert_allclose(pov.std(axis=0), sigma, rtol=0.06)
+
+
+def plate(offset_mm, angle, rng):
+    """A plate of regular rows with a corner and an edge marker missing, seen from the front, and its true pose."""
+    x, y = np.meshgrid(np.arange(7) * 40.0 - 120, np.arange(5) * 40.0 - 80)
+    xyz = np.delete(np.c_[x.ravel(), y.ravel(), 0 * x.ravel()], [0, 18], axis=0)
+    camera = Camera((480, 360), 600.0)
+    pose = Pose.from_rotvec([np.pi, 0, 0], [*offset_mm, 700.0]) @ Pose.from_rotvec([0, 0, angle], [0, 0, 0])
+    places, _ = camera.project(pose.apply(xyz))
+    v, u = np.mgrid[:360, :480]
+    image = 180.0 + rng.normal(0, 1.5, u.shape)
+    for cx, cy in places:
+        image -= 90 * np.clip(5.5 - np.hypot(u - cx, v - cy), 0, 1)
+    markers = MarkerSet.make([f"m{k}" for k in range(len(xyz))], xyz, normal=np.tile([0, 0, 1.0], (len(xyz), 1)),
+                             radius=5.8, sigma=0.05)  # fmt: skip
+    return image, markers, camera, pose
+
+
+@pytest.mark.parametrize(("jump", "turn"), [((40.0, 0.0), 0.0), ((0.0, 0.0), np.pi)], ids=["a pitch", "half a turn"])
+def test_regular_rows_that_jump_by_their_own_pattern_are_not_followed_by_the_wrong_names(jump, turn):
+    """Looked for where they were, most are there again: those that lie elsewhere now must be looked for, too."""
+    rng, made = np.random.default_rng(5), []
+    for k in range(8):
+        after = k >= 5
+        made.append(plate((0.3 * k + jump[0] * after, jump[1] * after), 0.002 * k + turn * after, rng))
+    frames = list(follow(named([m[0] for m in made]), made[0][1], made[0][2], options=FollowOptions(radius_px=(5.0,))))
+    assert [f.status for f in frames] == ["cold", *["tracked"] * 4, "reacquired", *["tracked"] * 2]
+    assert frames[4].guided
+    for frame, (_, markers, camera, pose) in zip(frames, made, strict=True):
+        off = camera.project(frame.registered.cam_from_model.apply(markers.xyz))[0] - camera.project(
+            pose.apply(markers.xyz))[0]  # fmt: skip
+        assert np.abs(off).max() < 0.3

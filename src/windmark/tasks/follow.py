@@ -252,6 +252,9 @@ class _Follower:
         answer = self._track(state, spots, dt, area=(2 * reach + 1) ** 2)
         if not isinstance(answer[0], Registration) or len(answer[0].matching) < FEWER * self._last[0]:
             return None
+        gone = np.setdiff1d(np.intersect1d(state.marker, expected.row), answer[1].marker)
+        if _may_have_slipped(state.prepared.layout.symmetries[0], gone, answer[1].marker):
+            return None
         self._known = known
         return spots, answer
 
@@ -300,6 +303,23 @@ class _Follower:
             tolerance_px=options.tolerance_px, least_density=0.0 if area is None else 1 / area, search=area is None,
             max_time_s=options.max_time_s, max_table_error=options.max_table_error, seed=options.seed,
         )  # fmt: skip
+
+
+def _may_have_slipped(onto: NDArray[np.int32], gone: NDArray[np.int64], seen: NDArray[np.int64]) -> bool:
+    """Whether a near-symmetry of the markers explains why some of them are gone: they are not there, others are.
+
+    Spots that only it explains lie where nobody looked. The whole image tells: `registration.track` weighs both then.
+
+    Parameters
+    ----------
+    onto : (S, N) which marker each near-symmetry takes a marker for, -1 for none; see `Layout.symmetries`
+    gone, seen : markers that were there before and are not, and those that seem to be there
+    """
+    if not len(gone) or not len(onto):
+        return False
+    empty = (onto[:, gone] < 0).mean(axis=1) > 0.5
+    as_many = (onto[:, seen] >= 0).sum(axis=1) >= FEWER * len(seen)
+    return bool((empty & as_many).any())
 
 
 def _prediction_sigma_px(camera: Camera, pose: Pose, cov: Array, markers: MarkerSet) -> float:
