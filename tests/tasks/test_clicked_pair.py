@@ -122,3 +122,56 @@ def test_places_are_off_by_what_their_ellipsoids_say():
         bare += np.einsum("ni,nij,nj->n", error, np.linalg.inv(exact.cov), error).tolist()
     assert 1.0 < np.mean(off) < 6.0  # 3 on average; those of one pair are not independent
     assert np.mean(bare) > 2 * np.mean(off)
+
+
+def rows_of(seed, hidden):
+    """A plate of rows along the epipolar lines: spots of both pictures with their numbers on it, and eight clicks.
+
+    Where some is hidden the first picture lacks the left columns and the second one the right ones: shifted by as many
+    columns, more spots match than as they are.
+    """
+    rng = np.random.default_rng(seed)
+    x, y = (v.ravel() for v in np.meshgrid(np.arange(12) * 25.0 - 137, np.arange(6) * 25.0 - 62))
+    xyz, camera = np.c_[x, y, np.sqrt(300.0**2 - y**2) - 300], replace(sweep.PINHOLE, focal_px=2500.0)
+    spots, number = [], []
+    for side in (-1, 1):
+        angle = side * np.radians(8.0)
+        pose = Pose.look_at([620 * np.sin(angle), 0, 620 * np.cos(angle)], [0, 0, 0], [0, 1, 0])
+        xy = camera.project(pose.apply(xyz))[0] + rng.normal(0, 0.05, (len(xyz), 2))
+        seen = rng.permutation(np.flatnonzero((x * side < 90) if hidden else np.isfinite(x)))
+        spots.append(xy[seen])
+        number.append(seen)
+    both = rng.choice(np.intersect1d(*number), 8, replace=False)
+    where = [[n.tolist().index(k) for k in both] for n in number]
+    clicks = [s[w] for s, w in zip(spots, where, strict=True)]
+    return spots, clicks, (camera, camera), number
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_of_rows_along_the_lines_clicks_decide_and_not_how_many_spots_match(seed, hidden):
+    spots, clicks, cameras, (a, b) = rows_of(seed, hidden)
+    found = solved(spots, clicks, cameras)
+    assert found, found.reason
+    assert not found.wrong.any(), "they are right, all of them"
+    assert found.by_hand.sum() == 8
+    assert (a[found.spot_a] == b[found.spot_b]).all()
+    assert len(found.spot_a) > 0.9 * len(np.intersect1d(a, b))
+
+
+def test_a_click_one_pitch_off_is_wrong_among_right_ones():
+    spots, clicks, cameras, (a, b) = rows_of(3, False)
+    meant = [int(a[np.flatnonzero((spots[0] == c).all(axis=1))[0]]) for c in clicks[0]]
+    bad = next(k for k, m in enumerate(meant) if m % 12 < 11 and m + 1 not in meant)
+    clicks[1][bad] = spots[1][b == meant[bad] + 1][0]
+    found = solved(spots, clicks, cameras)
+    assert found, found.reason
+    assert found.wrong.tolist() == [k == bad for k in range(8)]
+    assert (a[found.spot_a] == b[found.spot_b]).all()
+
+
+def test_clicks_of_which_most_are_wrong_are_refused():
+    """Their second places are exchanged in pairs: what grows from some contradicts others, and no pattern has most."""
+    spots, clicks, cameras, _ = rows_of(4, False)
+    clicks[1][:6] = clicks[1][[1, 0, 3, 2, 5, 4]]
+    assert not solved(spots, clicks, cameras)

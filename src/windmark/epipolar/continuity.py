@@ -111,8 +111,8 @@ def predict(pairs: Pairs, near: Ints, chosen: Ints, spots: Ints) -> tuple[Array,
     return value, np.where(any_known, inverse[:, 0, 0], np.inf)
 
 
-def grow_family(pairs: Pairs, near: Ints, start: int) -> Family:
-    """The family of one candidate: spots next to members take the match that fits, the clearest ones first.
+def grow_family(pairs: Pairs, near: Ints, start: Ints) -> Family:
+    """The family of some candidates: spots next to members take the match that fits, the clearest ones first.
 
     A match one pitch off fits nearly as well next to the first member, and not at all next to many: what is not clear
     waits. Where nothing is clear the clearest one joins.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.epipolar.continuity import Family, Pairs, grow_family, neighbours, predict
+from windmark.epipolar.given import LEAD_MATCH, candidates_of, disagrees, family_of, left_over
 from windmark.epipolar.search import all_pairs, candidates, grown
 from windmark.epipolar.views import ideal_spots, raster, stations
 from windmark.errors import DataError, UsageError
@@ -32,8 +33,6 @@ RIVAL, MORE, BESIDE = 0.5, 4, 3
 partner; spots that have so many neighbours in the family count."""
 LEAD_FAMILY = float(np.log(1000.0))
 """A family must be so many times likelier than any other that has its first spot."""
-LEAD_MATCH = float(np.log(100.0))
-"""And so must a match than the next one of either spot, and than chance."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,7 @@ class KnownPair:
     xyz, cov : (K, 3), (K, 3, 3) points in the frame of camera a
     log_odds : (K,) natural logarithm of how many times likelier the match is than the next possibility
     ambiguous_a, ambiguous_b : spots that have possible partners, none of which stands out
+    contradicted : (G,) given matches that their neighbours contradict
     """
 
     spot_a: Ints
@@ -57,6 +57,7 @@ class KnownPair:
     log_odds: Array
     ambiguous_a: Ints
     ambiguous_b: Ints
+    contradicted: Mask = field(default_factory=lambda: np.zeros(0, bool))
 
     def __len__(self) -> int:
         return len(self.spot_a)
@@ -72,6 +73,7 @@ def match_known_pair(
     pose_cov: ArrayLike | None = None,
     depth_range: tuple[float, float] | None = None,
     model_px: float = 0.05,
+    given: ArrayLike | None = None,
 ) -> KnownPair:
     """Match two pictures by epipolar distance and by their neighbours' depths (AIAA 2005-5007, section VI.C-D).
 
@@ -84,6 +86,8 @@ def match_known_pair(
     depth_range : nearest and farthest depth before either camera; None: from a fifth to five times that at which the
         lines of sight meet. The narrower, the fewer candidates on a line
     model_px : 1 sigma of what the detections' covariances do not hold: lens, eccentricity
+    given : (G, 2) spots of matches that are known but for single wrong ones, such as clicks. What grows from them is
+        taken whatever else matches more spots. Where most of them do not stand together they decide nothing
 
     Returns
     -------
@@ -123,7 +127,8 @@ def match_known_pair(
     other = _Other(
         1 / b_from_a.apply(xyz)[:, 2], xy[count[0] :], neighbours(xy[count[0] :]), b_from_a, stand.low, stand.high
     )
-    chosen, lead = _decide(pairs, count, other)
+    seeds = candidates_of(pairs, np.asarray(() if given is None else given, np.int64).reshape(-1, 2))
+    chosen, lead, contradicted = _decide(pairs, count, other, seeds)
     order = np.argsort(pairs.first[chosen], kind="stable")
     chosen, lead = chosen[order], lead[order]
     open_a, open_b = np.zeros(count[0], bool), np.zeros(count[1], bool)
@@ -132,7 +137,7 @@ def match_known_pair(
     distance = _line_distance(camera_b, b_from_a, xy[: count[0]][pairs.first[chosen]], det_b.xy[pairs.second[chosen]])
     return KnownPair(
         pairs.first[chosen], pairs.second[chosen], distance, xyz[chosen], cov_xyz[chosen], lead,
-        np.flatnonzero(open_a), np.flatnonzero(open_b),
+        np.flatnonzero(open_a), np.flatnonzero(open_b), contradicted,
     )  # fmt: skip
 
 
@@ -151,13 +156,23 @@ class _Other:
         return _Other(self.inverse[kept], self.xy, self.near, self.pose, self.low, self.high)
 
 
-def _decide(pairs: Pairs, count: Ints, other: _Other) -> tuple[Ints, Array]:
-    """Candidates that stand out, and by how much: the best family, then the best of what is left, and so on."""
+def _decide(pairs: Pairs, count: Ints, other: _Other, seeds: Ints) -> tuple[Ints, Array, Mask]:
+    """Candidates that stand out, and by how much: the best family, then the best of what is left, and so on.
+
+    First comes what grows from the ``seeds`` (G,); which of these are contradicted is said, too.
+    """
     near = neighbours(pairs.xy)
     alive, tried = np.ones(len(pairs.first), dtype=np.bool_), np.zeros(count[0], dtype=np.bool_)
     chosen: list[Ints] = []
     leads: list[Array] = []
-    vain = 0
+    vain, wrong = 0, np.zeros(len(seeds), bool)
+    if (seeds >= 0).any() and (grown_up := family_of(pairs, near, seeds[seeds >= 0])) is not None:
+        family, wrong[seeds >= 0] = grown_up
+        members = family.chosen[family.chosen >= 0]
+        clear = (family.lead[pairs.first[members]] > LEAD_MATCH) | np.isin(members, seeds)
+        chosen.append(members[clear])
+        leads.append(family.lead[pairs.first[members[clear]]])
+        alive = left_over(pairs, near, family)
     while vain < IN_VAIN and len(starts := _starts(pairs.take(alive), count[0], tried)):
         tried[starts] = True
         vain += 1
@@ -170,15 +185,15 @@ def _decide(pairs: Pairs, count: Ints, other: _Other) -> tuple[Ints, Array]:
             alive &= ~np.isin(pairs.first, left.first[doubtful]) & ~np.isin(pairs.second, left.second[doubtful])
             continue
         clear = family.lead[left.first[members]] > LEAD_MATCH
-        if ahead < LEAD_FAMILY or not clear.any():
+        if ahead < LEAD_FAMILY or not clear.any() or disagrees(pairs, number[members], seeds[(seeds >= 0) & ~wrong]):
             continue
         vain = 0
         chosen.append(number[members[clear]])
         leads.append(np.minimum(family.lead[left.first[members[clear]]], ahead))
         alive &= ~np.isin(pairs.first, left.first[members]) & ~np.isin(pairs.second, left.second[members])
     if not chosen:
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
-    return np.concatenate(chosen), np.concatenate(leads)
+        return np.zeros(0, dtype=np.int64), np.zeros(0), wrong
+    return np.concatenate(chosen), np.concatenate(leads), wrong
 
 
 def _starts(pairs: Pairs, spots: int, tried: Mask) -> Ints:
@@ -202,7 +217,7 @@ def _best_family(pairs: Pairs, near: Ints, starts: Ints, other: _Other) -> tuple
     for spot in starts:
         mine = np.flatnonzero(pairs.first == spot)
         mine = mine[np.argsort(-pairs.gain[mine], kind="stable")[:MOST_CANDIDATES]]
-        families += [grow_family(pairs, near, int(c)) for c in mine]
+        families += [grow_family(pairs, near, np.array([c])) for c in mine]
         if max((f.chosen >= 0).sum() for f in families) > LARGE * len(np.unique(pairs.first)):
             break
     families.sort(key=lambda f: -f.total)

@@ -35,6 +35,10 @@ SIGMA_PX, MODEL_PX = 1.0, 0.1
 leaves beyond the spots' own."""
 MANY, MOST, MOST_SIGMAS = 20, 0.8, 1.2816
 """Matches that tell what a camera's model leaves: the part of them that decides, and how many sigmas that is."""
+MAX_LOG10_NFA = -2.0
+"""Chance gives such a geometry less often (decimal logarithm)."""
+BY_HAND = 7
+"""Clicks of which two check the geometry that five fix."""
 FEW = 40
 """Up to so many matches, every way to leave some out is tried."""
 READING = 1.3
@@ -68,16 +72,20 @@ class Job:
     seed: int
     model_px: float = MODEL_PX
 
-    def geometry(self, i: Ints, j: Ints) -> Geometry | str:
-        """The geometry of matched spots; or why there is none."""
+    def geometry(self, i: Ints, j: Ints, *, by_hand: bool = False) -> Geometry | str:
+        """The geometry of matched spots; or why there is none.
+
+        Of those made ``by_hand`` all are taken where there is a geometry with which they all agree. Of rows along the
+        epipolar lines the wrong partners agree, too, and nothing but the hand says that these do not by chance.
+        """
         if self.cameras is None:
             return self._fundamental(i, j)
         if len(i) < 6:  # six of them agree by chance once in ten
             return f"{len(i)} matches; with a camera seven are needed (five fix the geometry, others check it)"
-        view = estimate_two_view(
-            self.a.xy[i], self.b.xy[j], *self.cameras, cov_a=self.a.cov[i] + self._extra,
-            cov_b=self.b.cov[j] + self._extra, seed=self.seed,
-        )  # fmt: skip
+        view = self._two_view(i, j)
+        if by_hand and len(i) >= BY_HAND and not (view and view.inliers.all()):
+            every = self._two_view(i, j, max_log10_nfa=np.inf)
+            view = every if every and every.inliers.all() else view
         if not view:
             return f"the matches give no geometry: {view.reason}"
         if view.b_from_a is None:
@@ -90,6 +98,13 @@ class Job:
         matrix = fundamental_from_essential(essential_from_poses(pose), *self.cameras)
         return Geometry(matrix / np.linalg.norm(matrix), view.inliers, view.sigma0, pose, view.cov, None,
                          (note,) if note else ())  # fmt: skip
+
+    def _two_view(self, i: Ints, j: Ints, max_log10_nfa: float = MAX_LOG10_NFA) -> TwoView:
+        assert self.cameras is not None
+        return estimate_two_view(
+            self.a.xy[i], self.b.xy[j], *self.cameras, cov_a=self.a.cov[i] + self._extra,
+            cov_b=self.b.cov[j] + self._extra, seed=self.seed, max_log10_nfa=max_log10_nfa,
+        )  # fmt: skip
 
     def _reading(self, view: TwoView, i: Ints, j: Ints) -> tuple[Pose | None, str]:
         """The pose; of several that explain the matches the one along whose lines far more spots match."""
@@ -148,17 +163,29 @@ class Job:
             return sampson_distance(geometry.matrix, self.a.xy[i], self.b.xy[j])
         return epipolar_distance(self.a.xy[i], self.b.xy[j], *self.cameras, geometry.pose).sampson_px
 
-    def matched(self, geometry: Geometry, i: Ints, j: Ints) -> tuple[Ints, Ints]:
-        """All matches along the lines of cameras, those given among them."""
+    def matched(
+        self, geometry: Geometry, clicks: tuple[Ints, Ints], found: tuple[Ints, Ints]
+    ) -> tuple[Ints, Ints, Mask]:
+        """All matches along the lines of cameras: clicks, unless their neighbours' depths contradict them, what was
+        found before, and what is found now; and which clicks are contradicted.
+        """  # fmt: skip
         assert geometry.pose is not None
-        return self._known(geometry.pose, geometry.pose_cov, i, j)
+        i, j, contradicted = self._known(geometry.pose, geometry.pose_cov, *clicks)
+        count = int((~contradicted).sum())
+        free = ~(np.isin(found[0], i[:count]) | np.isin(found[1], j[:count]))
+        before = np.concatenate([i[:count], found[0][free]]), np.concatenate([j[:count], found[1][free]])
+        rest = ~(np.isin(i, before[0]) | np.isin(j, before[1]))
+        return np.concatenate([before[0], i[rest]]), np.concatenate([before[1], j[rest]]), contradicted
 
-    def _known(self, pose: Pose, cov: Array | None, i: Ints, j: Ints) -> tuple[Ints, Ints]:
+    def _known(self, pose: Pose, cov: Array | None, i: Ints, j: Ints) -> tuple[Ints, Ints, Mask]:
         assert self.cameras is not None
         model = self.sigma_px or self.model_px
-        pair = match_known_pair(self.a, self.b, *self.cameras, pose, pose_cov=cov, model_px=model)
+        pair = match_known_pair(
+            self.a, self.b, *self.cameras, pose, pose_cov=cov, model_px=model, given=np.column_stack([i, j])
+        )
+        i, j = i[~pair.contradicted], j[~pair.contradicted]
         rest = ~(np.isin(pair.spot_a, i) | np.isin(pair.spot_b, j))
-        return np.concatenate([i, pair.spot_a[rest]]), np.concatenate([j, pair.spot_b[rest]])
+        return np.concatenate([i, pair.spot_a[rest]]), np.concatenate([j, pair.spot_b[rest]]), pair.contradicted
 
     def by_others(self, geometry: Geometry, i: Ints, j: Ints, which: Ints) -> ByOthers:
         """What all other matches say of some of them."""

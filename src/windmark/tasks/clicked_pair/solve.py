@@ -117,18 +117,14 @@ def _as_learned(job: Job, first: Ints, second: Ints) -> tuple[Job, Found | str]:
 
 def _along_lines(job: Job, first: Ints, second: Ints) -> Found | str:
     """With cameras: geometry and matches in turn, until the matches stay."""
-    geometry = job.geometry(first, second)
+    geometry = job.geometry(first, second, by_hand=True)
     if isinstance(geometry, str):
         return geometry
-    wrong = ~geometry.used
-    kept = first[~wrong], second[~wrong]
+    wrong, kept = ~geometry.used, (first[:0], second[:0])
     for _ in range(ROUNDS):
-        spot_a, spot_b = job.matched(geometry, *kept)
-        clicked = np.isin(spot_a, first[~wrong])
-        if len(spot_a) >= max(2 * int((~wrong).sum()), 12):
-            bad = _contradicted(job, geometry, spot_a, spot_b, clicked)
-            wrong |= np.isin(first, spot_a[bad])
-            spot_a, spot_b = np.delete(spot_a, bad), np.delete(spot_b, bad)
+        right = np.flatnonzero(~wrong)
+        spot_a, spot_b, contradicted = job.matched(geometry, (first[right], second[right]), kept)
+        wrong[right[contradicted]] = True
         again = job.geometry(spot_a, spot_b)
         if isinstance(again, str):
             return again
@@ -137,7 +133,11 @@ def _along_lines(job: Job, first: Ints, second: Ints) -> Found | str:
         before, kept = kept, (spot_a[again.used], spot_b[again.used])
         if len(before[0]) == len(kept[0]) and (np.sort(before[0]) == np.sort(kept[0])).all():
             break
-    return geometry, *_settled(job, geometry, (first, second), *kept)
+    found = geometry, *_settled(job, geometry, (first, second), *kept)
+    if 2 * int(found[1].sum()) > len(first):
+        return (f"{int(found[1].sum())} of {len(first)} clicks contradict the others or what the spots beside them "
+                "say; which of them are right is not to be told, look at each")  # fmt: skip
+    return found
 
 
 def _clicks_of(meant_a: Ints, meant_b: Ints, gone: Mask, spot_a: Ints, spot_b: Ints) -> Ints:
@@ -176,15 +176,6 @@ def _checked(
 
 def _listed(names: Sequence[str], rows: Ints) -> str:
     return ", ".join(names[k] for k in np.sort(rows).tolist())
-
-
-def _contradicted(job: Job, geometry: Geometry, spot_a: Ints, spot_b: Ints, clicked: Mask) -> Ints:
-    """Clicks among the matches whose spots, asked without any click, match other ones by their neighbours' depths."""
-    none = np.zeros(0, np.int64)
-    match = dict(zip(*(s.tolist() for s in job.matched(geometry, none, none)), strict=True))
-    back = {j: i for i, j in match.items()}
-    return np.array([k for k in np.flatnonzero(clicked).tolist() if match.get(int(spot_a[k]), spot_b[k]) != spot_b[k]
-                     or back.get(int(spot_b[k]), spot_a[k]) != spot_a[k]], dtype=np.int64)  # fmt: skip
 
 
 def _settled(
