@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import signal
+from collections import Counter
 
 import pytest
 from killing import in_child, killed_at
@@ -77,7 +78,12 @@ def test_ended_by_a_signal_its_first_frames_are_those_of_a_whole_run(made, whole
         mine, theirs = ([r for r in untimed(folder / name) if r["frame"] in done] for folder in (out, whole))
         assert mine == theirs, name
     assert not (out / resume.HIDDEN).exists()
-    assert {row["frame"] for row in untimed(out / "arrivals.csv")} <= {row["frame"] for row in rows}
+    files = untimed(out / "arrivals.csv")
+    assert {row["frame"] for row in files} <= {row["frame"] for row in rows}
+    # Those of frames that were left were counted as measured.
+    assert all((row["fate"] == "measured") == (row["frame"] in done) for row in files)
+    counts = json.loads((out / "summary.json").read_text())["files"]
+    assert counts == Counter(row["fate"] for row in files)
 
 
 def test_a_live_run_killed_behind_its_manifest_is_a_whole_result(made, windmark, tmp_path, monkeypatch):

@@ -81,19 +81,20 @@ class Watch:
         self._first: str | None = None
         self._measured = 0
         self.told: list[Arrival] = []
-        """Files whose fate is known; whoever writes them down empties the list."""
+        """Files whose fate is known; whoever writes them down takes them out of the list."""
 
-    def go_on(self, done: Collection[str], known: Collection[tuple[str, str]]) -> None:
+    def go_on(self, done: Collection[str], known: Collection[tuple[str, str]], measured: int) -> None:
         """Begin behind a run that was stopped.
 
         Parameters
         ----------
         done : the frames that it has dealt with, in that order
         known : cameras and names of the files that it has dealt with
+        measured : how many of the frames it has measured
         """
-        self._done = dict.fromkeys(done, ())
+        self._done, self._measured = dict.fromkeys(done, ()), measured
         self._last, self._first = max(done, key=order, default=None), next(iter(done), None)
-        self._inbox.known = frozenset(known)
+        self._inbox.known = set(known)
 
     @property
     def foreign(self) -> list[str]:
@@ -106,25 +107,28 @@ class Watch:
 
     def __iter__(self) -> Iterator[FrameImages]:
         last_new = time.monotonic()
-        while True:
+        while not self._enough:
             now = time.monotonic()
             with interrupts_wait():  # or a file amid two lists would be in neither of them
                 last_new = now if self._look(now) else last_new
             for frame in self._due(now):
                 yield from self._handed(frame)
                 last_new = time.monotonic()
-                if self._stop_after is not None and self._measured >= self._stop_after:
-                    with interrupts_wait():
-                        self._late = self.left(f"the run ended after {self._stop_after} frames, as asked for")
-                    for unmeasured in self._too_late():
-                        yield from self._handed(unmeasured)
-                    return
+                if self._enough:
+                    break
             idle = 0.0 if self._inbox.waiting else time.monotonic() - last_new
-            if self._idle_s is not None and idle > self._idle_s:
-                for key in sorted(self._waiting, key=order):  # what never became complete
+            if self._idle_s is not None and idle > self._idle_s and not self._enough:
+                waiting = sorted(self._waiting, key=order)  # what never became complete
+                if any(self._is_written_again(key, now) for key in waiting):
+                    continue
+                for key in waiting:
                     yield from self._handed(self._taken(key))
                 return
             time.sleep(POLL_S)
+        with interrupts_wait():
+            self._late = self.left(f"the run ended after {self._stop_after} frames, as asked for")
+        for unmeasured in self._too_late():
+            yield from self._handed(unmeasured)
 
     def left(self, why: str) -> list[FrameImages]:
         """The frames that were seen and not handed on, as such that are not measured; to be asked for at the end."""
@@ -133,9 +137,17 @@ class Watch:
             late, self._late = self._late, []
             waiting = [self._taken(key) for key in sorted(self._waiting, key=order)]
             self._current = None
+            left = {f.key for f in (*current, *waiting) if f.skipped is None}
+            self.told[:] = [
+                replace(a, fate="left", reason=why) if a.fate == "measured" and a.key in left else a for a in self.told
+            ]
         return [f if f.skipped else replace(f, skipped=("left", why)) for f in (*current, *late, *waiting)]
 
     # --- parts -----------------------------------------------------------------------------
+    @property
+    def _enough(self) -> bool:
+        return self._stop_after is not None and self._measured >= self._stop_after
+
     @property
     def _kind(self) -> str:
         """What says when frames were, see `kind_of`: the first file decides."""
@@ -215,9 +227,22 @@ class Watch:
                 or (of.overtaken_s is not None and now - of.overtaken_s >= OVERTAKEN_S)
                 or now - of.seen_s >= self._patience_s
             )
-            if not settled:
+            if not settled or self._is_written_again(key, now):
                 return  # the later ones wait for it: instants go on
             yield self._taken(key)
+
+    def _is_written_again(self, key: str, now: float) -> bool:
+        """Look again at those of its pictures that are not what they were when they were whole."""
+        of = self._waiting[key]
+        with interrupts_wait():
+            for camera, path in list(of.whole.items()):
+                if not self._inbox.is_as_taken(path):
+                    del of.whole[camera]
+                    of.odd.pop(camera, None)
+                    of.told = [a for a in of.told if (a.camera, a.file) != (camera, path.name)]
+                    of.pending.add(path)
+                    self._inbox.again(path, camera, now)
+        return bool(of.pending)
 
     def _too_late(self) -> Iterator[FrameImages]:
         """Frames that are not measured, out of those that were put aside; each is the current one then."""
@@ -233,10 +258,11 @@ class Watch:
             return self._current
 
     def _made_of(self, key: str, of: _Waiting) -> FrameImages:
-        for path in of.pending:
+        for path in sorted(of.pending):
             file = self._inbox.waiting.pop(path, None)
             if file is not None:
-                of.told.append(Arrival(path.name, file.camera, key, "left", "the run ended before it was whole"))
+                why = "the run ended before it was known to be whole"
+                of.told.append(Arrival(path.name, file.camera, key, "left", why))
         self.told += of.told
         kind = self._kind
         instant = instant_of(key, kind, str(self._first), len(self._done))

@@ -53,21 +53,21 @@ class Writer:
     table : what is known of the frames besides
     made : what the run is made with, see `made_with`
     stopped : the run that is gone on with; None for a new one
-    live : files arrive; their contents are not noted in the journal
+    arrived : live, the files whose fate is known: they are in the table with the next frame, or at the end, and then no
+        longer in this list. None for files on a disk, whose contents are noted in the journal
     """
 
     def __init__(
         self, folder: Path, loaded: Loaded, table: FrameTable, made: Mapping[str, Any],
-        stopped: Stopped[Kept] | None = None, *, live: bool = False,
+        stopped: Stopped[Kept] | None = None, *, arrived: list[Arrival] | None = None,
     ) -> None:  # fmt: skip
-        self._folder, self._loaded, self._table, self._made, self._live = folder, loaded, table, made, live
+        self._folder, self._loaded, self._table, self._made, self._arrived = folder, loaded, table, made, arrived
         self._names = loaded.test.volumes.names
         self._stopped = stopped
         self._rows: list[FrameRecord] = [] if stopped is None else [kept.row for kept in stopped.frames]
         self._in_series = 0
         self._files: dict[str, AppendedFile] = {}
         self._lines: dict[str, list[str]] = {}
-        self._arrivals: list[Arrival] = []
         self._sizes: dict[str, int] = {}
         self._journal: SeriesJournal | None = None
 
@@ -126,20 +126,18 @@ class Writer:
             self._points(number, found)
         whole = all(isinstance(item, Path) for item in images.images.values())
         most = (frame, images if whole else None) if compared else None
-        pictures = {} if self._live else pictures_of(images)
+        pictures = pictures_of(images) if self._arrived is None else {}
         assert self._journal is not None
         with interrupts_wait():  # or tables would be taken back of a frame that the journal has
             self._commit()
             sizes = {name: file.size for name, file in self._files.items()}
             self._journal.add(Kept(row, state, most, pictures, sizes), handed_on or {})
             self._rows.append(row)
-            self._sizes, self._arrivals = sizes, []
+            self._sizes = sizes
+            if self._arrived is not None:
+                self._arrived.clear()
         if len(self._rows) % CHUNK == 0:
             self._sync()
-
-    def arrived(self, files: Sequence[Arrival]) -> None:
-        """Note what became of files; they are in the table with the next frame, or at the end."""
-        self._arrivals += files
 
     @property
     def frames(self) -> set[str]:
@@ -154,7 +152,7 @@ class Writer:
 
     # --- whole or not at all ---------------------------------------------------------------
     def _commit(self) -> None:
-        for a in self._arrivals:
+        for a in self._arrived or ():
             self._line("arrivals.csv", [_quoted(a.file), _quoted(a.camera), _quoted(a.key), a.fate, _quoted(a.reason)])
         for name, lines in self._lines.items():
             if lines:
@@ -227,7 +225,7 @@ class Writer:
         about = f"# length unit: {self._loaded.project.length_unit}\n# value, sigma: grey level\n"
         for entry in self._loaded.project.points:
             out[f"points-{entry.label}.csv"] = (COLUMNS, about)
-        if self._live:
+        if self._arrived is not None:
             out["arrivals.csv"] = (["file", "camera", "frame", "fate", "reason"], "")
         return out
 

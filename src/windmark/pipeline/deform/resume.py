@@ -90,11 +90,11 @@ def pictures_of(frame: FrameImages) -> dict[str, str]:
     return out
 
 
-def files_told(folder: Path, sizes: Mapping[str, int]) -> dict[tuple[str, str], str]:
-    """Camera and name of the files that the table of arrivals has -> what became of them."""
-    name = "arrivals.csv"
-    if name not in sizes:
-        return {}
-    with reading(folder / name):
-        text = (folder / name).read_bytes()[: sizes[name]].decode()
-    return {(row["camera"], row["file"]): row["fate"] for row in csv.DictReader(text.splitlines())}
+ARRIVALS = "arrivals.csv"
+
+
+def files_told(folder: Path, size: int | None = None) -> list[tuple[tuple[str, str], str]]:
+    """Camera and name of the files in the table of arrivals, in its first bytes or all, and what became of each."""
+    with reading(folder / ARRIVALS):
+        text = (folder / ARRIVALS).read_bytes()[:size].decode()
+    return [((row["camera"], row["file"]), row["fate"]) for row in csv.DictReader(text.splitlines())]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.deformation import Deformation, zero_markers
-from windmark.io.interrupts import interrupts_wait
 from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
 from windmark.pipeline.deform.grid_output import gridded, write_grid_series
 from windmark.pipeline.deform.live import Watch
@@ -28,7 +27,8 @@ from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, record
-from windmark.pipeline.deform.resume import Kept, files_told, made_with, named, pictures_of
+from windmark.pipeline.deform.resume import ARRIVALS, Kept, files_told, made_with, named, pictures_of
+from windmark.pipeline.deform.series import NOT_TRIED
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
 from windmark.pipeline.likely_unit import likely_unit, model_box
@@ -149,7 +149,8 @@ def run_sequence(
     frames = known.frames if frames is None else frames
     if stopped is not None:
         frames = job.take_up(stopped, frames, known.frames, folder, finish)
-    with Writer(folder, loaded, table, made, stopped, live=live) as writer:
+    arrived = frames.told if isinstance(frames, Watch) else [] if live else None
+    with Writer(folder, loaded, table, made, stopped, arrived=arrived) as writer:
         try:
             job.follow(frames, writer, say)
         except KeyboardInterrupt:
@@ -159,6 +160,8 @@ def run_sequence(
             writer.undo()
         if isinstance(frames, Watch):
             job.close_watch(frames, writer)
+    if live:
+        out.arrivals.update(fate for _, fate in files_told(folder))
     write_grid_series(folder, project.output, out.records)
     out.compared = None if mapper is None else mapper.compared
     return out
@@ -189,10 +192,12 @@ class _Job:
         for kept in done:
             self.out.keep(kept.row, kept.state)
         self._compare_again(done, {f.key: f for f in known})
-        told = files_told(folder, done[-1].sizes if done else stopped.sizes)
-        self.out.arrivals.update(told.values())
         if isinstance(frames, Watch):
-            frames.go_on([kept.row.key for kept in done], set(told))
+            sizes = done[-1].sizes if done else stopped.sizes
+            # One that had gone may be there again.
+            dealt_with = {file for file, fate in files_told(folder, sizes[ARRIVALS]) if fate != "gone"}
+            measured = sum(kept.row.status not in NOT_TRIED for kept in done)
+            frames.go_on([kept.row.key for kept in done], dealt_with, measured)
             return frames
         return [] if finish else islice(frames, count, None)
 
@@ -200,8 +205,6 @@ class _Job:
         """Measure and write frame after frame."""
         taken: list[FrameImages] = []
         for frame in follow_deformation(_noted(frames, taken), self.loaded.test, handed_on=self.handed_on):
-            if isinstance(frames, Watch):
-                self._told(frames, writer)
             row = self._write(frame, taken.pop(0), writer)
             if say is not None:
                 say(row)
@@ -209,7 +212,6 @@ class _Job:
     def close_watch(self, frames: Watch, writer: Writer) -> None:
         """Rows for the frames that were seen and not measured, fates of the last files, and what is odd about them."""
         left = [f for f in frames.left("the run was ended before it was measured") if f.key not in writer.frames]
-        self._told(frames, writer)
         followed = follow_deformation(left, self.loaded.test, handed_on=self.handed_on)
         for frame, images in zip(followed, left, strict=True):
             self._write(frame, images, writer)
@@ -239,12 +241,6 @@ class _Job:
         out.keep(row, kept)
         out.gallery.look(row, frame, images, loaded.test)
         return row
-
-    def _told(self, frames: Watch, writer: Writer) -> None:
-        with interrupts_wait():  # what was told of is written in any case
-            told, frames.told = frames.told, []
-            self.out.arrivals.update(a.fate for a in told)
-            writer.arrived(told)
 
     def _compare_again(self, done: list[Kept], known: dict[str, FrameImages]) -> None:
         """The most deformed frame so far is mapped again, where its pictures are still there."""
