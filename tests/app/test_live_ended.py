@@ -9,6 +9,7 @@ from collections import Counter
 import pytest
 from killing import in_child, killed_at
 
+from windmark import io
 from windmark.app import series_folder
 from windmark.pipeline import resume
 from windmark.pipeline.resume import measured
@@ -56,6 +57,16 @@ def test_killed_amid_its_frames_and_resumed_it_is_the_same_as_undisturbed(made, 
     first, second = (json.loads((folder / "manifest.json").read_text()) for folder in (out, whole))
     assert [i["sha256"] for i in first["inputs"]] == [i["sha256"] for i in second["inputs"]]
     assert not [i for i in first["inputs"] if ".windmark" in i["file"] or i["file"] in first["outputs"]]
+
+
+def test_who_begins_a_second_run_is_not_told_to_resume_the_first(made, windmark, tmp_path):
+    """"holds 2 frames of a run that was stopped; --resume goes on with them": that run was at work."""
+    out = tmp_path / "out"
+    killed_at(out, 2, lambda: windmark(*command(made, out)))
+    with io.result_folder(out, live=True, resume=True):
+        done = windmark(*command(made, out))
+    assert done.code == 2
+    assert "another run writes into this folder" in done.err
 
 
 @pytest.mark.parametrize("signalled", [signal.SIGINT, signal.SIGTERM])
