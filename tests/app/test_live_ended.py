@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import signal
 from collections import Counter
 
@@ -11,6 +12,7 @@ from killing import in_child, killed_at
 
 from windmark import io
 from windmark.app import series_folder
+from windmark.io.manifest import CHANGED
 from windmark.pipeline import resume
 from windmark.pipeline.resume import measured
 
@@ -57,6 +59,22 @@ def test_killed_amid_its_frames_and_resumed_it_is_the_same_as_undisturbed(made, 
     first, second = (json.loads((folder / "manifest.json").read_text()) for folder in (out, whole))
     assert [i["sha256"] for i in first["inputs"]] == [i["sha256"] for i in second["inputs"]]
     assert not [i for i in first["inputs"] if ".windmark" in i["file"] or i["file"] in first["outputs"]]
+
+
+def test_the_pictures_of_the_frames_before_it_was_killed_are_inputs_too(made, windmark, tmp_path):
+    """The manifest had those that came later only, and one that had been replaced since was not told of."""
+    out, incoming = tmp_path / "out", tmp_path / "incoming"
+    shutil.copytree(made / "images", incoming)
+    arguments = ("deform", made / "deform.toml", "-o", out, "--watch", incoming, "--idle", 0.5)
+    killed_at(out, 3, lambda: windmark(*arguments))
+    shutil.copyfile(incoming / "cam1-0004.tif", incoming / "cam1-0001.tif")
+    done = windmark(*arguments, "--resume")
+    assert done.code == 0, done.err
+    inputs = json.loads((out / "manifest.json").read_text())["inputs"]
+    pictures = {entry["file"].rpartition("/")[2]: entry for entry in inputs if "incoming" in entry["file"]}
+    assert set(pictures) == {path.name for path in incoming.iterdir()}
+    assert [name for name, entry in pictures.items() if entry.get(CHANGED)] == ["cam1-0001.tif"]
+    assert "1 files changed after they had been read: measured is what was in them then: cam1-0001.tif" in done.out
 
 
 def test_who_begins_a_second_run_is_not_told_to_resume_the_first(made, windmark, tmp_path):

@@ -236,6 +236,23 @@ def test_a_file_that_goes_on_changing_is_given_up(tmp_path, inbox):
     assert found == [("c1-1.tif", "unreadable", "it went on changing (tried for 6.2 s)")]
 
 
+def test_folders_below_are_those_that_the_patterns_name(tmp_path):
+    """With a wildcard in the folder's name nothing was seen, and with .. the folder above was watched, too."""
+    watched = tmp_path / "watched"
+    for name in ("run 7", "run [8]", "other"):
+        (watched / name).mkdir(parents=True)
+        picture(watched / name, f"c1-{len(name)}.tif")
+    picture(tmp_path, "c1-99.tif")
+    patterns = (str(tmp_path / folder / "c1-*.tif") for folder in ("run*", ".."))
+    inbox = Clock(Inbox(project(tmp_path, *patterns), watched))
+    inbox.after(0)
+    assert [name for name, *_ in inbox.after(0.1)] == ["c1-5.tif", "c1-7.tif"]
+    (watched / "run 9").mkdir()
+    picture(watched / "run 9", "c1-9.tif")
+    inbox.after(0.1)
+    assert [name for name, *_ in inbox.after(0.1)] == ["c1-9.tif"]
+
+
 def test_of_many_files_the_first_frames_are_read_first(tmp_path):
     """With thousands there at once no frame was measured, and no Ctrl-C heard, before all had been read and decoded."""
     picture(tmp_path, *(f"c{c}-{k}.tif" for c in (1, 2) for k in range(40)))
@@ -431,7 +448,7 @@ def test_interrupted_at_any_of_its_lines_every_file_told_of_has_its_frame(tmp_pa
 def test_going_on_leaves_what_was_dealt_with_alone(tmp_path):
     picture(tmp_path, "c1-1.tif", "c1-2.tif", "c1-3.tif")
     arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=0.2)
-    arriving.go_on(["1", "2"], {("cam1", "c1-1.tif"), ("cam1", "c1-2.tif")}, 2)
+    arriving.go_on(["1", "2"], {("cam1", "c1-1.tif"): None, ("cam1", "c1-2.tif"): None}, 2)
     assert [(f.key, f.instant) for f in arriving] == [("3", 3.0)]
     assert fates(arriving) == {"c1-3.tif": "measured"}
 
@@ -442,7 +459,7 @@ def test_what_was_measured_before_it_went_on_counts(tmp_path, measured):
     picture(tmp_path, *(f"c1-{k}.tif" for k in range(6)))
     arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, stop_after=3)
     done = [str(k) for k in range(measured)]
-    arriving.go_on(done, {("cam1", f"c1-{k}.tif") for k in done}, measured)
+    arriving.go_on(done, {("cam1", f"c1-{k}.tif"): None for k in done}, measured)
     assert [f.key for f in arriving if f.skipped is None] == ["2"][: 3 - measured]
 
 

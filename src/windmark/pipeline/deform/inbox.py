@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.io.errors import was_read_before
 from windmark.pipeline.deform.names import key_of, order
 from windmark.pipeline.deform.project import DeformProject
 
@@ -94,8 +95,7 @@ class Inbox:
     """
 
     def __init__(self, project: DeformProject, folder: Path) -> None:
-        names = {Path(p).parent.name for c in project.camera for p in c.patterns}
-        self._folders = [folder, *(folder / n for n in sorted(names) if n)]
+        self._folder, self._below = folder, list[Path]()
         self._patterns = [(c.name, Path(p).name, Path(p).parent.name) for c in project.camera for p in c.patterns]
         self._settle_s, self._patience_s = project.watch.settle_s, project.watch.patience_s
         self._listed: dict[Path, tuple[int, float]] = {}
@@ -103,8 +103,9 @@ class Inbox:
         self._empty: dict[str, deque[int]] = {}
         self._taken: dict[Path, tuple[int, int]] = {}
         self.waiting: dict[Path, Arriving] = {}
-        self.known: set[tuple[str, str]] = set()
-        """Camera and name of files that a run that was stopped has dealt with and that have not been seen since."""
+        self.known: dict[tuple[str, str], tuple[int, int] | None] = {}
+        """Camera and name of files that a run that was stopped has dealt with and that have not been seen since; the
+        size and date of those that it has measured."""
         self._foreign: list[Path] = []
 
     @property
@@ -115,24 +116,32 @@ class Inbox:
     def look(self, now: float) -> list[Arriving]:
         """List the folders; the files that are new, which wait from now on."""
         new = []
-        for folder in self._folders:
-            for path in self._list(folder, now):
-                camera = self._camera(folder, path.name)
-                if camera is None:
-                    self._foreign.append(path)
-                elif (camera, path.name) in self.known:
-                    self.known.remove((camera, path.name))
-                elif not self.is_as_taken(path):  # else its folder was away for a moment
-                    new.append(Arriving(path, camera, key_of(path.stem), now))
+        found = self._list(self._folder, now)
+        for folder in self._below:
+            found += self._list(folder, now)
+        for path in found:
+            camera = self._camera(path.parent, path.name)
+            if camera is None:
+                self._foreign.append(path)
+            elif (camera, path.name) in self.known:
+                if (state := self.known.pop((camera, path.name))) is not None:
+                    self._taken[path] = state
+                    was_read_before(path, state)
+            elif not self.is_as_taken(path):  # else its folder was away for a moment
+                new.append(Arriving(path, camera, key_of(path.stem), now))
         if new:
             waiting = [*self.waiting.values(), *new]
             self.waiting = {f.path: f for f in sorted(waiting, key=lambda f: order(f.key))}
         return new
 
     def again(self, path: Path, camera: str, now: float) -> None:
-        """A file that was whole is looked at again."""
+        """A file that was whole is looked at again, before all others: its frame is the next."""
         del self._taken[path]
-        self.waiting[path] = Arriving(path, camera, key_of(path.stem), now)
+        self.waiting = {path: Arriving(path, camera, key_of(path.stem), now), **self.waiting}
+
+    def print_of(self, path: Path) -> str:
+        """Name, size and date of a file that was whole."""
+        return ":".join(map(str, (path.name, *self._taken[path])))
 
     def is_as_taken(self, path: Path) -> bool:
         """Whether a file that was whole is as it was then."""
@@ -240,7 +249,11 @@ class Inbox:
             listed, when = self._listed.get(folder, (-1, 0.0))
             if changed == listed and now - when < LIST_AGAIN_S:
                 return []
-            entries = {e.name: e.inode() for e in os.scandir(folder) if e.is_file()}
+            there = list(os.scandir(folder))
+            entries = {e.name: e.inode() for e in there if e.is_file()}
+            if folder == self._folder:
+                names = [e.name for e in there if e.is_dir()]
+                self._below = [folder / n for n in sorted(names) if any(_is_called(n, p) for *_, p in self._patterns)]
         except OSError:  # a sub-folder that is not there yet, or a share that is away for a moment
             return []
         self._listed[folder] = changed, now
@@ -250,9 +263,13 @@ class Inbox:
 
     def _camera(self, folder: Path, name: str) -> str | None:
         for camera, pattern, parent in self._patterns:
-            if fnmatch(name, pattern) and (folder == self._folders[0] or folder.name == parent):
+            if fnmatch(name, pattern) and (folder == self._folder or _is_called(folder.name, parent)):
                 return camera
         return None
+
+
+def _is_called(name: str, pattern: str) -> bool:
+    return name == pattern or fnmatch(name, pattern)
 
 
 def _state(path: Path) -> tuple[int, int]:

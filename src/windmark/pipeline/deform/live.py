@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -83,23 +83,29 @@ class Watch:
         self.told: list[Arrival] = []
         """Files whose fate is known; whoever writes them down takes them out of the list."""
 
-    def go_on(self, done: Collection[str], known: Collection[tuple[str, str]], measured: int) -> None:
+    def go_on(
+        self, done: Collection[str], known: Mapping[tuple[str, str], tuple[int, int] | None], measured: int
+    ) -> None:
         """Begin behind a run that was stopped.
 
         Parameters
         ----------
         done : the frames that it has dealt with, in that order
-        known : cameras and names of the files that it has dealt with
+        known : cameras and names of the files that it has dealt with; size and date of those that it has measured
         measured : how many of the frames it has measured
         """
         self._done, self._measured = dict.fromkeys(done, ()), measured
         self._last, self._first = max(done, key=order, default=None), next(iter(done), None)
-        self._inbox.known = set(known)
+        self._inbox.known = dict(known)
 
     @property
     def foreign(self) -> list[str]:
         """Names of files that match no camera's pattern."""
         return self._inbox.foreign
+
+    def prints(self, frame: FrameImages) -> dict[str, str]:
+        """Camera -> name, size and date of its picture of a frame that was handed on."""
+        return {camera: self._inbox.print_of(path) for camera, path in frame.images.items()}
 
     def changed_since(self) -> list[str]:
         """Names of files that were changed after they had been read."""

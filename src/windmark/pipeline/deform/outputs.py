@@ -24,7 +24,7 @@ from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import is_number, number_of, stamp_text
 from windmark.pipeline.deform.points import COLUMNS, FramePoints
 from windmark.pipeline.deform.record import MOTION, FrameRecord
-from windmark.pipeline.deform.resume import Kept, named, pictures_of
+from windmark.pipeline.deform.resume import Kept, named
 from windmark.pipeline.deform.series import series_content
 from windmark.pipeline.resume import CHUNK, SeriesJournal, Stopped, replaced_file
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
@@ -54,7 +54,7 @@ class Writer:
     made : what the run is made with, see `made_with`
     stopped : the run that is gone on with; None for a new one
     arrived : live, the files whose fate is known: they are in the table with the next frame, or at the end, and then no
-        longer in this list. None for files on a disk, whose contents are noted in the journal
+        longer in this list. None for files on a disk
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Writer:
     def add(
         self, frame: DeformedFrame, images: FrameImages, row: FrameRecord, mapped: Mapping[str, Array],
         points: Sequence[FramePoints] = (), *, state: Deformation | None = None, compared: bool = False,
-        handed_on: Mapping[str, Any] | None = None,
+        handed_on: Mapping[str, Any] | None = None, pictures: Mapping[str, str] | None = None,
     ) -> None:  # fmt: skip
         """Write one frame.
 
@@ -107,6 +107,7 @@ class Writer:
         state : what the film keeps of it
         compared : it is the most deformed one so far
         handed_on : what it hands on to the next, see `follow_deformation`
+        pictures : camera -> what tells whether its picture is still the same when the run goes on
         """
         self._frame_row(row)
         number = self._label(row)
@@ -126,12 +127,11 @@ class Writer:
             self._points(number, found)
         whole = all(isinstance(item, Path) for item in images.images.values())
         most = (frame, images if whole else None) if compared else None
-        pictures = pictures_of(images) if self._arrived is None else {}
         assert self._journal is not None
         with interrupts_wait():  # or tables would be taken back of a frame that the journal has
             self._commit()
             sizes = {name: file.size for name, file in self._files.items()}
-            self._journal.add(Kept(row, state, most, pictures, sizes), handed_on or {})
+            self._journal.add(Kept(row, state, most, pictures or {}, sizes), handed_on or {})
             self._rows.append(row)
             self._sizes = sizes
             if self._arrived is not None:

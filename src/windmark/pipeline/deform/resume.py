@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ class Kept:
     state : its deformation where the film keeps it
     compared : the frame itself and its pictures where it is the most deformed one so far that was mapped; the pictures
         None where they are frames of a recording
-    pictures : camera -> its pictures' name, size and checksum
+    pictures : camera -> its pictures' name, size and checksum; live, name, size and date
     sizes : table -> its length in bytes
     """
 
@@ -87,6 +87,16 @@ def pictures_of(frame: FrameImages) -> dict[str, str]:
     for name, image in frame.images.items():
         shots = [shot.image for shot in frame.shots.get(name, ())]
         out[name] = " ".join(same_run.picture_print(i) for i in (image, *shots) if isinstance(i, io.PictureFile))
+    return out
+
+
+def states_of(frames: Iterable[Kept]) -> dict[tuple[str, str], tuple[int, int]]:
+    """Camera and name of the pictures of a live run -> size and date, see `Watch.prints`."""
+    out = {}
+    for kept in frames:
+        for camera, text in kept.pictures.items():
+            name, size, date = text.rsplit(":", 2)
+            out[camera, name] = int(size), int(date)
     return out
 
 

@@ -27,7 +27,7 @@ from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, record
-from windmark.pipeline.deform.resume import ARRIVALS, Kept, files_told, made_with, named, pictures_of
+from windmark.pipeline.deform.resume import ARRIVALS, Kept, files_told, made_with, named, pictures_of, states_of
 from windmark.pipeline.deform.series import NOT_TRIED
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
@@ -145,7 +145,7 @@ def run_sequence(
     mapper = _mapper(loaded, still)
     if points is not None:
         points.reference(still)
-    job = _Job(loaded, out, mapper, points, live)
+    job = _Job(loaded, out, mapper, points, live, frames if isinstance(frames, Watch) else None)
     frames = known.frames if frames is None else frames
     if stopped is not None:
         frames = job.take_up(stopped, frames, known.frames, folder, finish)
@@ -176,6 +176,7 @@ class _Job:
     mapper: Mapper | None
     points: PointMapper | None
     live: bool
+    watch: Watch | None
     handed_on: dict[str, Any] = field(default_factory=dict)
 
     def take_up(
@@ -195,9 +196,10 @@ class _Job:
         if isinstance(frames, Watch):
             sizes = done[-1].sizes if done else stopped.sizes
             # One that had gone may be there again.
-            dealt_with = {file for file, fate in files_told(folder, sizes[ARRIVALS]) if fate != "gone"}
+            told = [file for file, fate in files_told(folder, sizes[ARRIVALS]) if fate != "gone"]
+            states = states_of(done)
             measured = sum(kept.row.status not in NOT_TRIED for kept in done)
-            frames.go_on([kept.row.key for kept in done], dealt_with, measured)
+            frames.go_on([kept.row.key for kept in done], {file: states.get(file) for file in told}, measured)
             return frames
         return [] if finish else islice(frames, count, None)
 
@@ -237,7 +239,11 @@ class _Job:
         of_points = self.points.frame(frame, images) if self.points is not None else ()
         compared = self.mapper is not None and self.mapper.compared is not before
         kept = frame.state if out.films(row) else None
-        writer.add(frame, images, row, values, of_points, state=kept, compared=compared, handed_on=self.handed_on)
+        pictures = self.watch.prints(images) if self.watch else {} if self.live else pictures_of(images)
+        writer.add(
+            frame, images, row, values, of_points, state=kept, compared=compared, handed_on=self.handed_on,
+            pictures=pictures,
+        )  # fmt: skip
         out.keep(row, kept)
         out.gallery.look(row, frame, images, loaded.test)
         return row
