@@ -14,6 +14,7 @@ from windmark import io
 from windmark.app import series_folder
 from windmark.io.manifest import CHANGED
 from windmark.pipeline import resume
+from windmark.pipeline.deform import run as deform_run
 from windmark.pipeline.resume import measured
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # whole live runs, ended in many ways
@@ -75,6 +76,30 @@ def test_the_pictures_of_the_frames_before_it_was_killed_are_inputs_too(made, wi
     assert set(pictures) == {path.name for path in incoming.iterdir()}
     assert [name for name, entry in pictures.items() if entry.get(CHANGED)] == ["cam1-0001.tif"]
     assert "1 files changed after they had been read: measured is what was in them then: cam1-0001.tif" in done.out
+
+
+def test_killed_when_it_was_to_end_and_resumed_what_was_left_is_measured(made, whole, windmark, tmp_path):
+    """Ctrl-C twice, or a queue that does not wait: --resume kept frames as left whose pictures were there."""
+    out = tmp_path / "out"
+
+    def killed(*_):
+        os._exit(9)
+
+    def run():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        deform_run.write_grid_series = killed
+        windmark(*command(made, out))
+
+    killed_at(out, 3, run, signal.SIGINT)
+    assert measured(out) == FRAMES
+    statuses = [row["status"] for row in untimed(out / "deformation.csv")]
+    assert statuses[-1] == "left"
+    assert statuses[0] != "left"
+    done = windmark(*command(made, out), "--resume")
+    assert done.code == 0, done.err
+    for name in ("cameras.csv", "markers.csv", "span.csv", "arrivals.csv"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    assert untimed(out / "deformation.csv") == untimed(whole / "deformation.csv")
 
 
 def test_who_begins_a_second_run_is_not_told_to_resume_the_first(made, windmark, tmp_path):

@@ -32,7 +32,7 @@ from windmark.pipeline.deform.series import NOT_TRIED
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
 from windmark.pipeline.likely_unit import likely_unit, model_box
-from windmark.pipeline.resume import Stopped, check_state, read_stopped
+from windmark.pipeline.resume import Stopped, check_state, cut, read_stopped
 from windmark.pipeline.same_run import check_begun, check_pictures
 from windmark.scene import View
 from windmark.tasks.deform.states import identified_again
@@ -184,12 +184,14 @@ class _Job:
         finish: bool,
     ) -> Iterable[FrameImages]:  # fmt: skip
         """Go on with a run that was stopped; the frames that it has not measured."""
-        done, count = stopped.frames, len(stopped.frames)
         if not finish:
             check_state(folder, stopped)
-            if isinstance(frames, list):
-                check_pictures(folder, done, [(frame.key, pictures_of(frame)) for frame in frames[:count]])
         self.handed_on.update(stopped.handed_on(named(self.loaded.test)))
+        if isinstance(frames, Watch):
+            self._take_back_what_was_left(stopped, folder)
+        done, count = stopped.frames, len(stopped.frames)
+        if isinstance(frames, list) and not finish:
+            check_pictures(folder, done, [(frame.key, pictures_of(frame)) for frame in frames[:count]])
         for kept in done:
             self.out.keep(kept.row, kept.state)
         self._compare_again(done, {f.key: f for f in known})
@@ -225,6 +227,15 @@ class _Job:
                 self.out.remarks = (*self.out.remarks, f"{len(names)} files {what}: {some}")
 
     # --- parts -----------------------------------------------------------------------------
+    def _take_back_what_was_left(self, stopped: Stopped[Kept], folder: Path) -> None:
+        """Frames that a run left when it was to end, before it was killed: they are measured when it goes on."""
+        count = len(stopped.frames)
+        while count and stopped.frames[count - 1].row.status == "left":
+            count -= 1
+        if count < len(stopped.frames):
+            cut(stopped, folder, count)
+            self.handed_on["index"] = count  # all else that they hand on is the last measured one's
+
     def _write(self, frame: DeformedFrame, images: FrameImages, writer: Writer) -> FrameRecord:
         loaded, project, out = self.loaded, self.loaded.project, self.out
         markers = loaded.test.markers
