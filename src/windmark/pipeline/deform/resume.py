@@ -54,10 +54,19 @@ def named(test: DeformationTest) -> dict[str, Any]:
     return {name: value for name, value in out.items() if value is not None}
 
 
-def made_with(project: DeformProject) -> dict[str, Any]:
-    """See `same_run.made_with`; where the results go is left out."""
+def made_with(project: DeformProject, wind_off: Mapping[str, FrameImages]) -> dict[str, Any]:
+    """See `same_run.made_with`; where the results go is left out.
+
+    Every frame is relative to the wind-off ones: their pictures count wherever they are in the sequence.
+    """
     options = json.loads(project.model_dump_json(exclude={"path": True, "output": {"folder"}, "watch": True}))
-    return same_run.made_with("deform", {f"[{k}] of the project": v for k, v in options.items()}, inputs(project))
+    said = {f"[{k}] of the project": v for k, v in options.items()}
+    return same_run.made_with("deform", said | prints_of(wind_off), inputs(project))
+
+
+def prints_of(wind_off: Mapping[str, FrameImages]) -> dict[str, Any]:
+    """What the pictures of the wind-off frames are called in messages -> `pictures_of` them."""
+    return {f"a picture of the wind-off frame {key}": pictures_of(frame) for key, frame in wind_off.items()}
 
 
 def inputs(project: DeformProject) -> list[tuple[str, Path]]:

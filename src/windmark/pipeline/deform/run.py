@@ -134,10 +134,10 @@ def run_sequence(
     if frames is not None and project.has_clocks:
         raise io.FileError(project.path, "images that arrive are paired by their numbers; cameras with clocks of their "
                            "own are measured from the disk", "camera")  # fmt: skip
-    made = made_with(project)
+    known = instants_of(project) if frames is None or project.sequence.zero else Timeline([], "")
+    made = made_with(project, wind_off_frames(project, known))
     if resume or finish:
         check_begun(folder, made)
-    known = instants_of(project) if frames is None or project.sequence.zero else Timeline([], "")
     out = Sequence(table=table, clock=known.clock, remarks=known.remarks)
     points = PointMapper(loaded) if project.points and loaded.mesh is not None else None
     loaded, out.zero, out.moved, still = zeroed(loaded, known)
@@ -306,17 +306,16 @@ def zeroed(
 ) -> tuple[Loaded, Zero | None, Array | None, list[tuple[DeformedFrame, FrameImages]]]:
     """The test with the markers where the wind-off frames show them, the wind-off state, and these frames."""
     project = loaded.project
-    wanted = [key_of(k) for k in project.sequence.zero]
+    wanted = wind_off_frames(project, timeline)
     if not wanted:
         return loaded, None, None, []
-    known = wind_off_frames(project, timeline)
     good, why = [], ""
-    for key in wanted:  # each for itself: wind-off frames may be far apart
-        frame = next(follow_deformation([known[key]], loaded.test))
+    for key, images in wanted.items():  # each for itself: wind-off frames may be far apart
+        frame = next(follow_deformation([images], loaded.test))
         if frame.state is None:
             why = f"frame {key}: {frame.reason}"
         else:
-            good.append((frame, known[key]))
+            good.append((frame, images))
     if not good:
         _check_units(loaded)
         raise io.FileError(project.path, f"no wind-off frame can be used; {why}", "sequence.zero")
@@ -329,12 +328,13 @@ def zeroed(
 
 
 def wind_off_frames(project: DeformProject, timeline: Timeline) -> dict[str, FrameImages]:
-    """The frames by their keys; `FileError` where one that is to be wind-off has no image."""
+    """The wind-off frames by their keys; `FileError` where one of them has no image."""
     known = {f.key: f for f in timeline.frames}
-    missing = [k for k in map(key_of, project.sequence.zero) if k not in known]
+    wanted = list(map(key_of, project.sequence.zero))
+    missing = [k for k in wanted if k not in known]
     if missing:
         raise io.FileError(project.path, f"frame {missing[0]} has no image; expected a wind-off frame", "sequence.zero")
-    return known
+    return {k: known[k] for k in wanted}
 
 
 def _check_units(loaded: Loaded) -> None:
