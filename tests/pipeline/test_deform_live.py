@@ -334,7 +334,9 @@ def test_every_frame_has_one_row_and_every_file_a_fate(tmp_path):
 def test_two_files_of_one_frame_before_it_is_measured(tmp_path):
     picture(tmp_path, "c1-1.tif", "c1-01.tif")
     arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=0.2)
-    assert [f.images["cam1"].name for f in arriving] == ["c1-01.tif"]
+    (frame,) = arriving
+    assert frame.images["cam1"].name == "c1-01.tif"
+    assert frame.odd == {"cam1": "c1-01.tif: c1-1.tif is the same frame"}
     assert fates(arriving) == {"c1-01.tif": "measured", "c1-1.tif": "duplicate"}
 
 
@@ -369,6 +371,30 @@ def test_a_picture_that_is_written_again_while_its_frame_waits_is_looked_at_agai
     told = fates(arriving)
     assert (told["c1-1.tif"], told["c1-2.tif"], told["c1-3.tif"]) == ("measured", "gone", "unreadable")
     assert len(arriving.told) == len(told)
+
+
+def test_a_picture_that_is_renamed_while_its_frame_waits_is_the_same_one(tmp_path, clock):
+    """Written under a name of the same frame, it was whole; under its final one it was a duplicate, and then gone."""
+    picture(tmp_path, "c1-1.tmp.tif")
+    clock.due = [(0.2, lambda: (tmp_path / "c1-1.tmp.tif").rename(tmp_path / "c1-1.tif")),
+                 (0.6, lambda: picture(tmp_path, "c2-1.tif"))]  # fmt: skip
+    arriving = Watch(project(tmp_path, "c1-*.tif", "c2-*.tif", patience_s=2.0), tmp_path, idle_s=0.5)
+    (frame,) = arriving
+    assert {camera: path.name for camera, path in frame.images.items()} == {"cam1": "c1-1.tif", "cam2": "c2-1.tif"}
+    assert frame.odd == {}
+    assert fates(arriving) == {"c1-1.tmp.tif": "gone", "c1-1.tif": "measured", "c2-1.tif": "measured"}
+
+
+def test_a_file_that_is_gone_leaves_no_frame_that_others_are_too_late_for(tmp_path, clock):
+    """A temporary name with a number in it: frame 4711 was dealt with, and all others came after it."""
+    picture(tmp_path, "c1-1.tif")
+    (tmp_path / "c1-tmp4711.tif").write_bytes(b"II*\0")
+    clock.due = [
+        (0.1, lambda: (tmp_path / "c1-tmp4711.tif").rename(tmp_path / "c1-2.tif")),
+        (0.2, lambda: picture(tmp_path, "c1-2.tif")), (1.5, lambda: picture(tmp_path, "c1-3.tif")),
+    ]  # fmt: skip
+    got = [(f.key, sorted(f.images)) for f in watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=2.0)]
+    assert got == [("1", ["cam1"]), ("2", ["cam1"]), ("3", ["cam1"]), ("4711", [])]
 
 
 def test_a_camera_that_delivers_nothing_does_not_hold_up_the_others(tmp_path):

@@ -43,6 +43,14 @@ class _Waiting:
     overtaken_s: float | None = None
     told: list[Arrival] = field(default_factory=list)
 
+    @property
+    def is_gone(self) -> bool:
+        """Whether nothing is left of it, as of a file that had another name while it was written: it is in no hurry.
+
+        Its number may be any; were it the last one dealt with, all that follow could be too late.
+        """
+        return not self.pending and all(a.fate == "gone" for a in self.told)
+
 
 class Watch:
     """Images as they arrive in a folder; iterate over it once.
@@ -209,8 +217,13 @@ class Watch:
 
     def _settled(self, of: _Waiting, file: Arriving, fate: str, reason: str, now: float) -> None:
         of.seen_s = max(of.seen_s, file.seen_s)
-        if fate == "measured" and file.camera in of.whole:
-            fate, reason = "duplicate", f"{of.whole[file.camera].name} is the same frame of this camera"
+        had = of.whole.get(file.camera)
+        if fate == "measured" and had is not None and self._inbox.is_as_taken(had):
+            fate, reason = "duplicate", f"{had.name} is the same frame of this camera"
+            of.odd[file.camera] = f"{had.name}: {file.path.name} is the same frame"
+        elif fate == "measured" and had is not None:  # it was renamed, or is written again
+            self._look_again(of, file.camera, had, now)
+            of.whole[file.camera] = file.path
         elif fate == "measured":
             of.whole[file.camera] = file.path
             if reason:
@@ -231,7 +244,7 @@ class Watch:
             settled = not of.pending and (
                 key in complete
                 or (of.overtaken_s is not None and now - of.overtaken_s >= OVERTAKEN_S)
-                or now - of.seen_s >= self._patience_s
+                or (now - of.seen_s >= self._patience_s and not of.is_gone)
             )
             if not settled or self._is_written_again(key, now):
                 return  # the later ones wait for it: instants go on
@@ -243,12 +256,15 @@ class Watch:
         with interrupts_wait():
             for camera, path in list(of.whole.items()):
                 if not self._inbox.is_as_taken(path):
-                    del of.whole[camera]
-                    of.odd.pop(camera, None)
-                    of.told = [a for a in of.told if (a.camera, a.file) != (camera, path.name)]
-                    of.pending.add(path)
-                    self._inbox.again(path, camera, now)
+                    self._look_again(of, camera, path, now)
         return bool(of.pending)
+
+    def _look_again(self, of: _Waiting, camera: str, path: Path, now: float) -> None:
+        del of.whole[camera]
+        of.odd.pop(camera, None)
+        of.told = [a for a in of.told if (a.camera, a.file) != (camera, path.name)]
+        of.pending.add(path)
+        self._inbox.again(path, camera, now)
 
     def _too_late(self) -> Iterator[FrameImages]:
         """Frames that are not measured, out of those that were put aside; each is the current one then."""
