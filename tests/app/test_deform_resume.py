@@ -205,6 +205,22 @@ def test_what_has_changed_since_is_named(made, windmark, tmp_path):
     assert windmark("deform", project, "--resume").code == 0
 
 
+def test_a_table_that_somebody_has_saved_is_not_gone_on_with(made, windmark, tmp_path):
+    """By a spreadsheet, with its own signs between the cells: rows of two kinds stood in one table, or a fault came."""
+    out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
+    killed_at(beside, 2, lambda: windmark("deform", made / "deform.toml", "-o", out))
+    for name in ("deformation.csv", "points-taps.csv"):
+        content = (beside / name).read_bytes()
+        for saved in (content.replace(b",", b";"), content.replace(b"\n", b"\r\n"), content[:-9]):
+            (beside / name).write_bytes(saved)
+            for option in ("--resume", "--finish"):
+                done = windmark("deform", made / "deform.toml", "-o", out, option)
+                assert done.code == 2
+                assert f"{name}: was changed since the run was stopped" in done.err
+        (beside / name).write_bytes(content)
+    assert windmark("deform", made / "deform.toml", "-o", out, "--resume").code == 0
+
+
 def test_nothing_to_go_on_with(made, windmark, tmp_path):
     for option in ("--resume", "--finish"):
         done = windmark("deform", made / "deform.toml", "-o", tmp_path / "none", option)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -69,6 +70,8 @@ class Writer:
         self._files: dict[str, AppendedFile] = {}
         self._lines: dict[str, list[str]] = {}
         self._sizes: dict[str, int] = {}
+        self._crcs: dict[str, int] = {}
+        self._crcs_kept: dict[str, int] = {}
         self._journal: SeriesJournal | None = None
 
     def __enter__(self) -> Writer:
@@ -131,9 +134,9 @@ class Writer:
         with interrupts_wait():  # or tables would be taken back of a frame that the journal has
             self._commit()
             sizes = {name: file.size for name, file in self._files.items()}
-            self._journal.add(Kept(row, state, most, pictures or {}, sizes), handed_on or {})
+            self._journal.add(Kept(row, state, most, pictures or {}, sizes, dict(self._crcs)), handed_on or {})
             self._rows.append(row)
-            self._sizes = sizes
+            self._sizes, self._crcs_kept = sizes, dict(self._crcs)
             if self._arrived is not None:
                 self._arrived.clear()
         if len(self._rows) % CHUNK == 0:
@@ -149,6 +152,7 @@ class Writer:
         for name, size in self._sizes.items():
             self._files[name].take_back(size)
             self._lines[name].clear()
+        self._crcs = dict(self._crcs_kept)
 
     # --- whole or not at all ---------------------------------------------------------------
     def _commit(self) -> None:
@@ -156,8 +160,13 @@ class Writer:
             self._line("arrivals.csv", [_quoted(a.file), _quoted(a.camera), _quoted(a.key), a.fate, _quoted(a.reason)])
         for name, lines in self._lines.items():
             if lines:
-                self._files[name].append("".join(lines).encode())
+                self._append(name, "".join(lines))
                 lines.clear()
+
+    def _append(self, name: str, text: str) -> None:
+        content = text.encode()
+        self._files[name].append(content)
+        self._crcs[name] = zlib.crc32(content, self._crcs.get(name, 0))
 
     def _sync(self) -> None:
         """Make all of it outlast a power failure, and the series readable."""
@@ -193,12 +202,16 @@ class Writer:
         for name, (head, about) in self._tables().items():
             self._files[name] = AppendedFile(self._folder / name, self._sizes.get(name))
             self._lines[name] = []
+            first = about + ",".join(map(_quoted, head)) + "\n"
             if name not in self._sizes:
-                self._files[name].append((about + ",".join(map(_quoted, head)) + "\n").encode())
+                self._append(name, first)
+            elif stopped is not None:
+                self._crcs[name] = stopped.frames[-1].crcs[name] if stopped.frames else zlib.crc32(first.encode())
         with io.atomic_write(self._folder / "units.json") as stream:
             units_of = {"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}
             stream.write(json.dumps(units_of, indent=2) + "\n")
         self._sizes = {name: file.size for name, file in self._files.items()}
+        self._crcs_kept = dict(self._crcs)
         self._journal = SeriesJournal(self._folder, named(self._loaded.test), stopped)
         if stopped is None:
             self._journal.begin(self._made, self._sizes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,9 @@ from windmark.pipeline import same_run
 from windmark.pipeline.deform.project import RECORDING, DeformProject
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages
+
+READ_BYTES = 1 << 20
+"""Of a table at once."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class Kept:
         None where they are frames of a recording
     pictures : camera -> its pictures' name, size and checksum; live, name, size and date
     sizes : table -> its length in bytes
+    crcs : table -> checksum of what it has
     """
 
     row: FrameRecord
@@ -37,6 +42,7 @@ class Kept:
     compared: tuple[DeformedFrame, FrameImages | None] | None
     pictures: Mapping[str, str]
     sizes: Mapping[str, int]
+    crcs: Mapping[str, int]
 
     @property
     def key(self) -> str:
@@ -97,6 +103,23 @@ def pictures_of(frame: FrameImages) -> dict[str, str]:
         shots = [shot.image for shot in frame.shots.get(name, ())]
         out[name] = " ".join(same_run.picture_print(i) for i in (image, *shots) if isinstance(i, io.PictureFile))
     return out
+
+
+def check_tables(folder: Path, kept: Kept) -> None:
+    """See that the tables are as they were behind a frame: a spreadsheet saves them with other signs and line ends.
+
+    Raises
+    ------
+    FileError
+        For the first one that is not.
+    """
+    for name, size in kept.sizes.items():
+        crc, left = 0, size
+        with reading(folder / name), open(folder / name, "rb") as stream:
+            while left and (content := stream.read(min(left, READ_BYTES))):
+                crc, left = zlib.crc32(content, crc), left - len(content)
+        if left or crc != kept.crcs[name]:
+            raise io.FileError(folder / name, "was changed since the run was stopped; expected it as it was left")
 
 
 def states_of(frames: Iterable[Kept]) -> dict[tuple[str, str], tuple[int, int]]:

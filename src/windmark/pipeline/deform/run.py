@@ -27,7 +27,16 @@ from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, record
-from windmark.pipeline.deform.resume import ARRIVALS, Kept, files_told, made_with, named, pictures_of, states_of
+from windmark.pipeline.deform.resume import (
+    ARRIVALS,
+    Kept,
+    check_tables,
+    files_told,
+    made_with,
+    named,
+    pictures_of,
+    states_of,
+)
 from windmark.pipeline.deform.series import NOT_TRIED
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
@@ -184,6 +193,8 @@ class _Job:
         finish: bool,
     ) -> Iterable[FrameImages]:  # fmt: skip
         """Go on with a run that was stopped; the frames that it has not measured."""
+        if stopped.frames:
+            check_tables(folder, stopped.frames[-1])
         if not finish:
             check_state(folder, stopped)
         self.handed_on.update(stopped.handed_on(named(self.loaded.test)))
