@@ -206,7 +206,7 @@ def test_what_has_changed_since_is_named(made, windmark, tmp_path):
 
 
 def test_a_table_that_somebody_has_saved_is_not_gone_on_with(made, windmark, tmp_path):
-    """By a spreadsheet, with its own signs between the cells: rows of two kinds stood in one table, or a fault came."""
+    """By a spreadsheet, with its own signs between the cells: rows of two kinds stood in one table."""
     out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     killed_at(beside, 2, lambda: windmark("deform", made / "deform.toml", "-o", out))
     for name in ("deformation.csv", "points-taps.csv"):
