@@ -183,15 +183,18 @@ def test_what_has_changed_since_is_named(made, windmark, tmp_path):
     copy = tmp_path / "test"
     shutil.copytree(made, copy, ignore=shutil.ignore_patterns("whole*", "deformation*"))
     project, beside = copy / "deform.toml", copy / ".windmark-deformation" / "new"
-    markers, image = copy / "markers.csv", copy / "images" / "cam1-0001.tif"
+    markers, image, later = copy / "markers.csv", *(copy / "images" / f"cam1-000{k}.tif" for k in (1, 5))
+    project.write_text(project.read_text().replace('zero = ["0", "1"]', 'zero = ["0", "5"]'))
     killed_at(beside, 3, lambda: windmark("deform", project))
     text = project.read_text()
     for change, expected in (
         (lambda: project.write_text(text.replace("radius_px = 2.5", "radius_px = 2.6")), "[look] of the project"),
         (lambda: markers.write_text(markers.read_text() + "\n"), "markers.file"),
         (lambda: io.write_image(image, np.ones((400, 640), np.uint16)), "frame 1 have changed"),
+        # Not measured yet: the frames before it had another zero than those behind.
+        (lambda: shutil.copyfile(image, later), "a picture of the wind-off frame 5 has changed"),
     ):
-        kept = {f: f.read_bytes() for f in (project, markers, image)}
+        kept = {f: f.read_bytes() for f in (project, markers, image, later)}
         change()
         done = windmark("deform", project, "--resume")
         assert done.code == 2
@@ -200,6 +203,22 @@ def test_what_has_changed_since_is_named(made, windmark, tmp_path):
         for file, content in kept.items():
             file.write_bytes(content)
     assert windmark("deform", project, "--resume").code == 0
+
+
+def test_a_table_that_somebody_has_saved_is_not_gone_on_with(made, windmark, tmp_path):
+    """By a spreadsheet, with its own signs between the cells: rows of two kinds stood in one table."""
+    out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
+    killed_at(beside, 2, lambda: windmark("deform", made / "deform.toml", "-o", out))
+    for name in ("deformation.csv", "points-taps.csv"):
+        content = (beside / name).read_bytes()
+        for saved in (content.replace(b",", b";"), content.replace(b"\n", b"\r\n"), content[:-9]):
+            (beside / name).write_bytes(saved)
+            for option in ("--resume", "--finish"):
+                done = windmark("deform", made / "deform.toml", "-o", out, option)
+                assert done.code == 2
+                assert f"{name}: was changed since the run was stopped" in done.err
+        (beside / name).write_bytes(content)
+    assert windmark("deform", made / "deform.toml", "-o", out, "--resume").code == 0
 
 
 def test_nothing_to_go_on_with(made, windmark, tmp_path):

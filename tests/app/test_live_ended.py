@@ -3,13 +3,18 @@
 import csv
 import json
 import os
+import shutil
 import signal
+from collections import Counter
 
 import pytest
 from killing import in_child, killed_at
 
+from windmark import io
 from windmark.app import series_folder
+from windmark.io.manifest import CHANGED
 from windmark.pipeline import resume
+from windmark.pipeline.deform import run as deform_run
 from windmark.pipeline.resume import measured
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # whole live runs, ended in many ways
@@ -57,6 +62,56 @@ def test_killed_amid_its_frames_and_resumed_it_is_the_same_as_undisturbed(made, 
     assert not [i for i in first["inputs"] if ".windmark" in i["file"] or i["file"] in first["outputs"]]
 
 
+def test_the_pictures_of_the_frames_before_it_was_killed_are_inputs_too(made, windmark, tmp_path):
+    """The manifest had those that came later only, and one that had been replaced since was not told of."""
+    out, incoming = tmp_path / "out", tmp_path / "incoming"
+    shutil.copytree(made / "images", incoming)
+    arguments = ("deform", made / "deform.toml", "-o", out, "--watch", incoming, "--idle", 0.5)
+    killed_at(out, 3, lambda: windmark(*arguments))
+    shutil.copyfile(incoming / "cam1-0004.tif", incoming / "cam1-0001.tif")
+    done = windmark(*arguments, "--resume")
+    assert done.code == 0, done.err
+    inputs = json.loads((out / "manifest.json").read_text())["inputs"]
+    pictures = {entry["file"].rpartition("/")[2]: entry for entry in inputs if "incoming" in entry["file"]}
+    assert set(pictures) == {path.name for path in incoming.iterdir()}
+    assert [name for name, entry in pictures.items() if entry.get(CHANGED)] == ["cam1-0001.tif"]
+    assert "1 files changed after they had been read: measured is what was in them then: cam1-0001.tif" in done.out
+
+
+def test_killed_when_it_was_to_end_and_resumed_what_was_left_is_measured(made, whole, windmark, tmp_path):
+    """Ctrl-C twice, or a queue that does not wait: --resume kept frames as left whose pictures were there."""
+    out = tmp_path / "out"
+
+    def killed(*_):
+        os._exit(9)
+
+    def run():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        deform_run.write_grid_series = killed
+        windmark(*command(made, out))
+
+    killed_at(out, 3, run, signal.SIGINT)
+    assert measured(out) == FRAMES
+    statuses = [row["status"] for row in untimed(out / "deformation.csv")]
+    assert statuses[-1] == "left"
+    assert statuses[0] != "left"
+    done = windmark(*command(made, out), "--resume")
+    assert done.code == 0, done.err
+    for name in ("cameras.csv", "markers.csv", "span.csv", "arrivals.csv"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    assert untimed(out / "deformation.csv") == untimed(whole / "deformation.csv")
+
+
+def test_who_begins_a_second_run_is_not_told_to_resume_the_first(made, windmark, tmp_path):
+    """"holds 2 frames of a run that was stopped; --resume goes on with them": that run was at work."""
+    out = tmp_path / "out"
+    killed_at(out, 2, lambda: windmark(*command(made, out)))
+    with io.result_folder(out, live=True, resume=True):
+        done = windmark(*command(made, out))
+    assert done.code == 2
+    assert "another run writes into this folder" in done.err
+
+
 @pytest.mark.parametrize("signalled", [signal.SIGINT, signal.SIGTERM])
 def test_ended_by_a_signal_its_first_frames_are_those_of_a_whole_run(made, whole, windmark, tmp_path, signalled):
     out = tmp_path / "out"
@@ -77,7 +132,12 @@ def test_ended_by_a_signal_its_first_frames_are_those_of_a_whole_run(made, whole
         mine, theirs = ([r for r in untimed(folder / name) if r["frame"] in done] for folder in (out, whole))
         assert mine == theirs, name
     assert not (out / resume.HIDDEN).exists()
-    assert {row["frame"] for row in untimed(out / "arrivals.csv")} <= {row["frame"] for row in rows}
+    files = untimed(out / "arrivals.csv")
+    assert {row["frame"] for row in files} <= {row["frame"] for row in rows}
+    # Those of frames that were left were counted as measured.
+    assert all((row["fate"] == "measured") == (row["frame"] in done) for row in files)
+    counts = json.loads((out / "summary.json").read_text())["files"]
+    assert counts == Counter(row["fate"] for row in files)
 
 
 def test_a_live_run_killed_behind_its_manifest_is_a_whole_result(made, windmark, tmp_path, monkeypatch):

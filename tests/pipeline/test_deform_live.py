@@ -13,7 +13,7 @@ import pytest
 from windmark import io
 from windmark.io import FileError
 from windmark.pipeline.deform import live as watching
-from windmark.pipeline.deform.inbox import Inbox
+from windmark.pipeline.deform.inbox import READ_AT_ONCE, Inbox
 from windmark.pipeline.deform.live import Watch, watch
 
 SIZE = (40, 60)
@@ -160,6 +160,111 @@ def test_a_content_that_changes_while_date_and_size_stay_is_not_whole(tmp_path, 
     assert inbox.after(0.5) == [("c1-1.tif", "measured", "")]
 
 
+@pytest.mark.parametrize("name", ["c1-2.bmp", "c1-2.tif", "c1-2.jpg"])
+def test_a_part_that_is_filled_last_is_no_matter_of_the_last_rows(tmp_path, name):
+    """Of a BMP the last rows come first in the file, a copy in pieces has the middle last: half of it was measured."""
+    inbox = Clock(Inbox(project(tmp_path, "c1-*"), tmp_path))
+    rng, size = np.random.default_rng(4), (200, 300)
+    for k in (0, 1):  # what is usual
+        io.write_image(tmp_path / f"c1-{k}{name[-4:]}", rng.integers(1, 200, size, dtype=np.uint8))
+    assert inbox.after(0) == []
+    assert len(inbox.after(0.1)) == 2
+    file = tmp_path / name
+    io.write_image(file, rng.integers(1, 200, size, dtype=np.uint8))
+    data, third = file.read_bytes(), file.stat().st_size // 3
+    parts = [data[: 2 * third] + bytes(len(data) - 2 * third)]
+    parts += [data[:third] + bytes(third) + data[2 * third :]] if name != "c1-2.bmp" else []
+    for part in parts:
+        file.write_bytes(part)
+        assert inbox.after(0) == inbox.after(0.3) == inbox.after(0.2) == []
+    file.write_bytes(data)
+    inbox.after(0.01)
+    assert inbox.after(0.1) == [(name, "measured", "")]
+
+
+def test_a_dark_part_that_grows_a_little_is_no_part_that_is_missing(tmp_path, inbox):
+    """A black background of a model that moves: every second picture would wait for as long as patience lasts."""
+    for k, dark in enumerate([80, 84, 78, 95, 88]):
+        image = np.full((200, 300), 90, np.uint8)
+        image[20 : 20 + dark] = 0
+        io.write_image(tmp_path / f"c1-{k}.tif", image)
+        inbox.after(0)
+        assert len(inbox.after(0.1 if k else 0.7)) == 1  # of the first it is not known yet how dark they are
+
+
+def test_a_file_that_is_removed_and_written_again_is_another_one(tmp_path, inbox):
+    """On many disks it has the number of the first one: it was never looked at, and its frame measured without it."""
+    data, file = content(tmp_path), tmp_path / "c1-1.tif"
+    file.write_bytes(data[:100])
+    assert inbox.after(0) == []
+    file.rename(tmp_path / "number")
+    stat = tmp_path.stat()
+    (fate,) = inbox.after(0.01)
+    assert fate[:2] == ("c1-1.tif", "gone")
+    (tmp_path / "number").write_bytes(data)
+    (tmp_path / "number").rename(file)
+    os.utime(tmp_path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    inbox.after(0.6)
+    assert inbox.after(0.1) == [("c1-1.tif", "measured", "")]
+
+
+def test_a_folder_that_was_away_brings_nothing_new(tmp_path, inbox):
+    """A share whose place is an empty folder for a while."""
+    picture(tmp_path, "c1-1.tif", "c1-2.tif")
+    inbox.after(0)
+    assert len(inbox.after(0.1)) == 2
+    (tmp_path / "away").mkdir()
+    for name in ("c1-1.tif", "c1-2.tif"):
+        (tmp_path / name).rename(tmp_path / "away" / name)
+    assert inbox.after(0.6) == []
+    for name in ("c1-1.tif", "c1-2.tif"):
+        (tmp_path / "away" / name).rename(tmp_path / name)
+    assert inbox.after(0.6) == inbox.after(0.6) == []
+    assert not inbox.inbox.waiting
+
+
+def test_a_file_that_goes_on_changing_is_given_up(tmp_path, inbox):
+    """All frames behind it waited for ever, and so did the end."""
+    data, file = content(tmp_path), tmp_path / "c1-1.tif"
+    for k in range(20):
+        file.write_bytes(data[: 100 + k])
+        assert inbox.after(0.45 * PATIENCE_S) == []
+    found = []
+    for k in range(20, 30):
+        file.write_bytes(data[: 100 + k])
+        found += inbox.after(0.45 * PATIENCE_S)
+    assert found == [("c1-1.tif", "unreadable", "it went on changing (tried for 6.2 s)")]
+
+
+def test_folders_below_are_those_that_the_patterns_name(tmp_path):
+    """With a wildcard in the folder's name nothing was seen, and with .. the folder above was watched, too."""
+    watched = tmp_path / "watched"
+    for name in ("run 7", "run [8]", "other"):
+        (watched / name).mkdir(parents=True)
+        picture(watched / name, f"c1-{len(name)}.tif")
+    picture(tmp_path, "c1-99.tif")
+    patterns = (str(tmp_path / folder / "c1-*.tif") for folder in ("run*", ".."))
+    inbox = Clock(Inbox(project(tmp_path, *patterns), watched))
+    inbox.after(0)
+    assert [name for name, *_ in inbox.after(0.1)] == ["c1-5.tif", "c1-7.tif"]
+    (watched / "run 9").mkdir()
+    picture(watched / "run 9", "c1-9.tif")
+    inbox.after(0.1)
+    assert [name for name, *_ in inbox.after(0.1)] == ["c1-9.tif"]
+
+
+def test_of_many_files_the_first_frames_are_read_first(tmp_path):
+    """With thousands there at once no frame was measured, and no Ctrl-C heard, before all had been read and decoded."""
+    picture(tmp_path, *(f"c{c}-{k}.tif" for c in (1, 2) for k in range(40)))
+    box = Inbox(project(tmp_path, "c1-*.tif", "c2-*.tif"), tmp_path)
+    box.look(0.0)
+    read = [[f.key for f, *_ in box.settled(0.05 * k)] for k in range(12)]
+    assert max(map(len, read)) == READ_AT_ONCE
+    first = [key for keys in read for key in keys]
+    assert len(first) == 80
+    assert first == sorted(first, key=int)
+
+
 def test_a_file_that_is_renamed_when_it_is_whole_is_no_foreign_one(tmp_path, inbox):
     """Every picture was told of twice at the end: as measured, and as one that matches no camera's pattern."""
     (tmp_path / "c1-1.tif.part").write_bytes(content(tmp_path))
@@ -229,7 +334,9 @@ def test_every_frame_has_one_row_and_every_file_a_fate(tmp_path):
 def test_two_files_of_one_frame_before_it_is_measured(tmp_path):
     picture(tmp_path, "c1-1.tif", "c1-01.tif")
     arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=0.2)
-    assert [f.images["cam1"].name for f in arriving] == ["c1-01.tif"]
+    (frame,) = arriving
+    assert frame.images["cam1"].name == "c1-01.tif"
+    assert frame.odd == {"cam1": "c1-01.tif: c1-1.tif is the same frame"}
     assert fates(arriving) == {"c1-01.tif": "measured", "c1-1.tif": "duplicate"}
 
 
@@ -239,6 +346,55 @@ def test_frames_that_overtake_each_other_are_taken_in_order(tmp_path, clock):
     clock.due = [(0.08, lambda: picture(tmp_path, "c2-1.tif"))]
     got = [(f.key, len(f.images)) for f in watch(project(tmp_path, "c1-*.tif", "c2-*.tif"), tmp_path, idle_s=0.5)]
     assert got == [("1", 2), ("2", 2)]
+
+
+def test_a_picture_that_is_written_again_while_its_frame_waits_is_looked_at_again(tmp_path, clock):
+    """Overwritten, or gone, when the other camera's picture came: half of it was measured, and nothing said."""
+    data = content(tmp_path)
+    file = {k: tmp_path / f"c1-{k}.tif" for k in (1, 2, 3)}
+    for path in file.values():
+        path.write_bytes(data)
+
+    def again():
+        file[1].write_bytes(data[: len(data) // 2] + bytes(len(data) - len(data) // 2))
+        file[2].unlink()
+        file[3].write_bytes(data[:99])
+        picture(tmp_path, "c2-1.tif", "c2-2.tif", "c2-3.tif", "c1-4.tif")
+
+    clock.due = [(0.2, again), (0.5, lambda: file[1].write_bytes(data)), (2.5, lambda: picture(tmp_path, "c2-4.tif"))]
+    arriving = Watch(project(tmp_path, "c1-*.tif", "c2-*.tif", patience_s=2.0), tmp_path, idle_s=0.5)
+    got = [(f.key, sorted(f.images), *f.missing.values()) for f in arriving]
+    assert got[0] == ("1", ["cam1", "cam2"])
+    assert got[1] == ("2", ["cam2"], "c1-2.tif: it was renamed or removed before it could be read")
+    assert got[2][:2] == ("3", ["cam2"])
+    assert got[3] == ("4", ["cam1", "cam2"])
+    told = fates(arriving)
+    assert (told["c1-1.tif"], told["c1-2.tif"], told["c1-3.tif"]) == ("measured", "gone", "unreadable")
+    assert len(arriving.told) == len(told)
+
+
+def test_a_picture_that_is_renamed_while_its_frame_waits_is_the_same_one(tmp_path, clock):
+    """Written under a name of the same frame, it was whole; under its final one it was a duplicate, and then gone."""
+    picture(tmp_path, "c1-1.tmp.tif")
+    clock.due = [(0.2, lambda: (tmp_path / "c1-1.tmp.tif").rename(tmp_path / "c1-1.tif")),
+                 (0.6, lambda: picture(tmp_path, "c2-1.tif"))]  # fmt: skip
+    arriving = Watch(project(tmp_path, "c1-*.tif", "c2-*.tif", patience_s=2.0), tmp_path, idle_s=0.5)
+    (frame,) = arriving
+    assert {camera: path.name for camera, path in frame.images.items()} == {"cam1": "c1-1.tif", "cam2": "c2-1.tif"}
+    assert frame.odd == {}
+    assert fates(arriving) == {"c1-1.tmp.tif": "gone", "c1-1.tif": "measured", "c2-1.tif": "measured"}
+
+
+def test_a_file_that_is_gone_leaves_no_frame_that_others_are_too_late_for(tmp_path, clock):
+    """A temporary name with a number in it: frame 4711 was dealt with, and all others came after it."""
+    picture(tmp_path, "c1-1.tif")
+    (tmp_path / "c1-tmp4711.tif").write_bytes(b"II*\0")
+    clock.due = [
+        (0.1, lambda: (tmp_path / "c1-tmp4711.tif").rename(tmp_path / "c1-2.tif")),
+        (0.2, lambda: picture(tmp_path, "c1-2.tif")), (1.5, lambda: picture(tmp_path, "c1-3.tif")),
+    ]  # fmt: skip
+    got = [(f.key, sorted(f.images)) for f in watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=2.0)]
+    assert got == [("1", ["cam1"]), ("2", ["cam1"]), ("3", ["cam1"]), ("4711", [])]
 
 
 def test_a_camera_that_delivers_nothing_does_not_hold_up_the_others(tmp_path):
@@ -260,9 +416,12 @@ def test_stamps_and_long_numbers_as_they_arrive(tmp_path):
 
 def test_it_ends_after_so_many_frames_and_says_what_is_left(tmp_path):
     picture(tmp_path, *(f"c1-{k}.tif" for k in range(5)))
-    frames = list(watch(project(tmp_path, "c1-*.tif"), tmp_path, stop_after=3))
+    arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, stop_after=3)
+    frames = list(arriving)
     assert [f.skipped is None for f in frames] == [True, True, True, False, False]
     assert frames[4].skipped == ("left", "the run ended after 3 frames, as asked for")
+    # The files of frames that were left were said to be measured.
+    assert [a.fate for a in arriving.told] == [*["measured"] * 3, *["left"] * 2]
 
 
 @pytest.mark.slow
@@ -315,9 +474,19 @@ def test_interrupted_at_any_of_its_lines_every_file_told_of_has_its_frame(tmp_pa
 def test_going_on_leaves_what_was_dealt_with_alone(tmp_path):
     picture(tmp_path, "c1-1.tif", "c1-2.tif", "c1-3.tif")
     arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, idle_s=0.2)
-    arriving.go_on(["1", "2"], {("cam1", "c1-1.tif"), ("cam1", "c1-2.tif")})
+    arriving.go_on(["1", "2"], {("cam1", "c1-1.tif"): None, ("cam1", "c1-2.tif"): None}, 2)
     assert [(f.key, f.instant) for f in arriving] == [("3", 3.0)]
     assert fates(arriving) == {"c1-3.tif": "measured"}
+
+
+@pytest.mark.parametrize("measured", [2, 3])
+def test_what_was_measured_before_it_went_on_counts(tmp_path, measured):
+    """As many frames again were measured as were asked for."""
+    picture(tmp_path, *(f"c1-{k}.tif" for k in range(6)))
+    arriving = Watch(project(tmp_path, "c1-*.tif"), tmp_path, stop_after=3)
+    done = [str(k) for k in range(measured)]
+    arriving.go_on(done, {("cam1", f"c1-{k}.tif"): None for k in done}, measured)
+    assert [f.key for f in arriving if f.skipped is None] == ["2"][: 3 - measured]
 
 
 def test_a_file_that_changes_after_it_was_read_is_said(tmp_path):

@@ -23,6 +23,7 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.deformation import weak_directions
 from windmark.errors import g3
+from windmark.io.staging import check_free
 from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.deform import (
     Changes,
@@ -72,6 +73,7 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
     folder = loaded.project.output.folder
     alive = live is not None or (go_on == "finish" and begun_with(folder) is not None)
     if alive and not go_on and (count := left(folder)):
+        check_free(folder)
         raise io.FileError(
             folder, f"holds {count} frames of a run that was stopped; --resume goes on with them, --finish makes do "
             "with them, --output takes another folder",

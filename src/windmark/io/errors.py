@@ -172,6 +172,12 @@ def reading(path: str | os.PathLike[str]) -> Iterator[None]:
         raise FileError(path, what) from error
 
 
+def was_read_before(path: str | os.PathLike[str], state: FileState) -> None:
+    """Note that a file was read, in this state, by the run that this one goes on with."""
+    for seen in _WITNESSES:
+        seen[os.path.abspath(path)] = state
+
+
 @contextmanager
 def decoding(path: str | os.PathLike[str]) -> Iterator[None]:
     """Whatever a decoder raises on a damaged file becomes `FileError`."""

@@ -176,6 +176,13 @@ def busy(path: str | os.PathLike[str], process: str) -> FileError:
     return FileError(path, what)
 
 
+def check_free(path: str | os.PathLike[str]) -> None:
+    """`FileError` where another run holds a folder."""
+    for hidden in hidden_places(checked_folder(path)):
+        if process := in_use(hidden):
+            raise busy(path, process)
+
+
 def _stage(path: str | os.PathLike[str], target: Path, made: tuple[Path, ...], say: Say) -> Staging:
     first: OSError | None = None
     for hidden in hidden_places(target):

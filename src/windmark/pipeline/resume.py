@@ -196,9 +196,14 @@ def _with_state(out: Stopped[Any], folder: Path) -> None:
     content = content[_STATE_HEAD.size :]
     if zlib.crc32(content) == crc and len(out.frames) - 1 <= count <= len(out.frames):
         out.state = content
-        ends = [out.first, *(end for _, end in read_journal(folder / JOURNAL, TITLE))][1:]
-        out.end = ends[count]
-        del out.frames[count:]
+        cut(out, folder, count)
+
+
+def cut(stopped: Stopped[Any], folder: Path, count: int) -> None:
+    """Leave so many frames of what a run that was stopped has in its journal."""
+    ends = [end for _, end in read_journal(folder / JOURNAL, TITLE)]
+    stopped.end = ends[count]
+    del stopped.frames[count:]
 
 
 def begun_with(folder: Path) -> dict[str, Any] | None:

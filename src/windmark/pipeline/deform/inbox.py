@@ -1,9 +1,9 @@
 """Pictures that appear in a folder: which are whole, which cannot be read, and which are gone again.
 
 A file is whole when it has stayed as it is (size, date, content: two readings) for a settling time, decodes to the
-size that it declares, and its last rows are there. One that is not is tried again until it has stayed as it is for as
-long as patience lasts. Dates of files are only compared with each other, and time is the monotonic clock's: neither a
-camera's clock nor a jump of the computer's matters.
+size that it declares, and no part of it is still to be filled. One that is not is tried again until it has stayed as
+it is for as long as patience lasts, or has been changing for many times as long. Dates of files are only compared with
+each other, and time is the monotonic clock's: neither a camera's clock nor a jump of the computer's matters.
 """
 
 from __future__ import annotations
@@ -20,13 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.pipeline.deform.names import key_of
+from windmark.io.errors import was_read_before
+from windmark.pipeline.deform.names import key_of, order
 from windmark.pipeline.deform.project import DeformProject
 
 LIST_AGAIN_S = 0.5
 """A folder is listed when its date changes and, as that may miss what comes within its resolution, so often besides."""
 USUAL_OF = 9
-"""Pictures of a camera that say how many rows at the end of its pictures are empty: as many as in half of them."""
+"""Pictures of a camera that say how many rows of its pictures are empty: as many as in half of them."""
+SECTOR = 512
+"""Bytes; what a system has not filled of a file yet is not smaller."""
+READ_AT_ONCE = 16
+"""Files that are read before whole ones are handed on and an interrupt is heard, however many are there."""
+ENDLESS = 10
+"""A file that goes on changing is given up after so many times the patience: the frames behind it wait for it."""
 BACK_OFF = 1.5
 """Every trial of a file that cannot be read yet waits so many times longer than the one before."""
 
@@ -59,6 +66,7 @@ class Arriving:
     seen_s : when it was seen first, by the monotonic clock
     state : size and date; None before the first look
     since_s : when it was seen in this state first
+    tried_s : when it was looked at first
     crc : of its content then
     trouble, tries, next_s : why it cannot be read, how often that was tried, when it is tried next
     """
@@ -69,7 +77,8 @@ class Arriving:
     seen_s: float
     state: tuple[int, int] | None = None
     since_s: float = 0.0
-    crc: int | None = None
+    tried_s: float = 0.0
+    crc: int = 0
     trouble: str = ""
     tries: int = 0
     next_s: float = 0.0
@@ -86,17 +95,17 @@ class Inbox:
     """
 
     def __init__(self, project: DeformProject, folder: Path) -> None:
-        names = {Path(p).parent.name for c in project.camera for p in c.patterns}
-        self._folders = [folder, *(folder / n for n in sorted(names) if n)]
+        self._folder, self._below = folder, list[Path]()
         self._patterns = [(c.name, Path(p).name, Path(p).parent.name) for c in project.camera for p in c.patterns]
         self._settle_s, self._patience_s = project.watch.settle_s, project.watch.patience_s
         self._listed: dict[Path, tuple[int, float]] = {}
-        self._seen: set[tuple[str, int]] = set()
+        self._there: dict[Path, dict[str, int]] = {}
         self._empty: dict[str, deque[int]] = {}
         self._taken: dict[Path, tuple[int, int]] = {}
         self.waiting: dict[Path, Arriving] = {}
-        self.known: frozenset[tuple[str, str]] = frozenset()
-        """Camera and name of files that a run that was stopped has dealt with."""
+        self.known: dict[tuple[str, str], tuple[int, int] | None] = {}
+        """Camera and name of files that a run that was stopped has dealt with and that have not been seen since; the
+        size and date of those that it has measured."""
         self._foreign: list[Path] = []
 
     @property
@@ -107,28 +116,67 @@ class Inbox:
     def look(self, now: float) -> list[Arriving]:
         """List the folders; the files that are new, which wait from now on."""
         new = []
-        for folder in self._folders:
-            for path in self._list(folder, now):
-                camera = self._camera(folder, path.name)
-                if camera is None:
-                    self._foreign.append(path)
-                elif (camera, path.name) not in self.known:
-                    self.waiting[path] = Arriving(path, camera, key_of(path.stem), now)
-                    new.append(self.waiting[path])
+        found = self._list(self._folder, now)
+        for folder in self._below:
+            found += self._list(folder, now)
+        for path in found:
+            camera = self._camera(path.parent, path.name)
+            if camera is None:
+                self._foreign.append(path)
+            elif (camera, path.name) in self.known:
+                if (state := self.known.pop((camera, path.name))) is not None:
+                    self._taken[path] = state
+                    was_read_before(path, state)
+            elif not self.is_as_taken(path):  # else its folder was away for a moment
+                new.append(Arriving(path, camera, key_of(path.stem), now))
+        if new:
+            waiting = [*self.waiting.values(), *new]
+            self.waiting = {f.path: f for f in sorted(waiting, key=lambda f: order(f.key))}
         return new
 
+    def again(self, path: Path, camera: str, now: float) -> None:
+        """A file that was whole is looked at again, before all others: its frame is the next."""
+        del self._taken[path]
+        self.waiting = {path: Arriving(path, camera, key_of(path.stem), now), **self.waiting}
+
+    def print_of(self, path: Path) -> str:
+        """Name, size and date of a file that was whole."""
+        return ":".join(map(str, (path.name, *self._taken[path])))
+
+    def is_as_taken(self, path: Path) -> bool:
+        """Whether a file that was whole is as it was then."""
+        try:
+            return self._taken.get(path) == _state(path)
+        except OSError:
+            return False
+
     def settled(self, now: float) -> Iterator[tuple[Arriving, str, str]]:
-        """Files of which it is known what they are: whole ("measured"), "unreadable" or "gone", with the reason."""
+        """Files of which it is known what they are: whole ("measured"), "unreadable" or "gone", with the reason.
+
+        The earliest frames come first, and after some files that had to be read the others are left for the next time.
+        """
+        read = 0
         for file in list(self.waiting.values()):
+            if read >= READ_AT_ONCE:
+                return
             try:
                 state = _state(file.path)
             except OSError:
                 del self.waiting[file.path]
+                self._there.get(file.path.parent, {}).pop(file.path.name, None)  # it may come back
                 yield file, "gone", "it was renamed or removed before it could be read"
                 continue
             if state != file.state:
-                file.state, file.since_s, file.crc, file.next_s, file.tries = state, now, _crc(file.path), 0.0, 0
+                file.tried_s = now if file.state is None else file.tried_s
+                if now - file.tried_s >= ENDLESS * self._patience_s:
+                    del self.waiting[file.path]
+                    yield file, "unreadable", f"it went on changing (tried for {now - file.tried_s:.1f} s)"
+                    continue
+                read += 1
+                file.state, file.since_s, file.next_s, file.tries = state, now, 0.0, 0
+                file.crc = zlib.crc32(_content(file.path))
             elif now >= max(file.since_s + self._settle_s, file.next_s):
+                read += 1
                 if self._is_whole(file, now):
                     del self.waiting[file.path]
                     self._taken[file.path] = state
@@ -154,15 +202,15 @@ class Inbox:
     # --- parts -----------------------------------------------------------------------------
     def _is_whole(self, file: Arriving, now: float) -> bool:
         """Read it; `Arriving.trouble` says why it is not whole."""
-        before, file.crc = file.crc, _crc(file.path)
+        content = _content(file.path)
+        before, file.crc = file.crc, zlib.crc32(content)
         if file.state is not None and not file.state[0]:
             file.trouble = "it is empty"
-        elif file.crc is None or file.crc != before:
+        elif not content or file.crc != before:
             file.trouble = "its content changes while its size and date stay"
         else:
             try:
                 image = io.read_grey(file.path)
-                empty = _empty_rows(image)
                 if _state(file.path) != file.state:  # it goes on growing: looked at again
                     file.trouble = "it changes while it is read"
                     return False
@@ -171,23 +219,25 @@ class Inbox:
             except OSError as error:
                 file.trouble = str(error)
             else:
-                return self._has_its_end(file, empty, empty == len(image), now)
+                return self._is_filled(file, content, image, now)
         return False
 
-    def _has_its_end(self, file: Arriving, empty: int, dark: bool, now: float) -> bool:
-        """A file that was made in its full size is filled to its end.
+    def _is_filled(self, file: Arriving, content: bytes, image: NDArray[np.generic], now: float) -> bool:
+        """A file that was made in its full size has no part that is still to be filled, in whatever order that is done.
 
-        More empty rows than half of the camera's pictures had before, or all of them, have to stay so for as long as
-        patience lasts. Such a picture is then taken, and that is said: what is in view may be that dark. One that stays
-        half empty must not be the measure of those that are just being filled.
+        Clearly more empty rows in one piece than half of the camera's pictures had before, or all of them, have to stay
+        so for as long as patience lasts. Such a picture is then taken, and that is said: what is in view may be that
+        dark. One that stays half empty must not be the measure of those that are just being filled.
         """
+        dark = not image.any()
+        empty = len(image) if dark else _empty_rows(content, len(image))
         had = self._empty.setdefault(file.camera, deque(maxlen=USUAL_OF))
         usual = sorted(had)[(len(had) - 1) // 2] if had else 0
-        if empty > usual or dark:
+        if empty > usual + usual // 4 or dark:
             if now - file.since_s < self._patience_s:
-                file.trouble = f"its last {empty} rows are empty"
+                file.trouble = f"{empty} of its rows are empty"
                 return False
-            file.note = f"its last {empty} rows are empty, which stayed so for {self._patience_s:g} s"
+            file.note = f"{empty} of its rows are empty, which stayed so for {self._patience_s:g} s"
         if not dark:
             had.append(empty)
         return True
@@ -196,22 +246,30 @@ class Inbox:
         """New files of a folder. One that has not changed is not listed each time, however many files it holds."""
         try:
             changed = folder.stat().st_mtime_ns
-            before, when = self._listed.get(folder, (-1, 0.0))
-            if changed == before and now - when < LIST_AGAIN_S:
+            listed, when = self._listed.get(folder, (-1, 0.0))
+            if changed == listed and now - when < LIST_AGAIN_S:
                 return []
-            entries = [(e.name, e.inode()) for e in os.scandir(folder) if e.is_file()]
+            there = list(os.scandir(folder))
+            entries = {e.name: e.inode() for e in there if e.is_file()}
+            if folder == self._folder:
+                names = [e.name for e in there if e.is_dir()]
+                self._below = [folder / n for n in sorted(names) if any(_is_called(n, p) for *_, p in self._patterns)]
         except OSError:  # a sub-folder that is not there yet, or a share that is away for a moment
             return []
         self._listed[folder] = changed, now
-        new = [(name, inode) for name, inode in entries if (os.path.join(folder, name), inode) not in self._seen]
-        self._seen.update((os.path.join(folder, name), inode) for name, inode in new)
-        return [folder / name for name, _ in sorted(new) if folder / name not in self.waiting]
+        before, self._there[folder] = self._there.get(folder, {}), entries
+        new = (name for name, inode in entries.items() if before.get(name) != inode)
+        return [folder / name for name in sorted(new) if folder / name not in self.waiting]
 
     def _camera(self, folder: Path, name: str) -> str | None:
         for camera, pattern, parent in self._patterns:
-            if fnmatch(name, pattern) and (folder == self._folders[0] or folder.name == parent):
+            if fnmatch(name, pattern) and (folder == self._folder or _is_called(folder.name, parent)):
                 return camera
         return None
+
+
+def _is_called(name: str, pattern: str) -> bool:
+    return name == pattern or fnmatch(name, pattern)
 
 
 def _state(path: Path) -> tuple[int, int]:
@@ -219,15 +277,22 @@ def _state(path: Path) -> tuple[int, int]:
     return stat.st_size, stat.st_mtime_ns
 
 
-def _crc(path: Path) -> int | None:
-    """Checksum of a file's content; None where it cannot be read just now."""
+def _content(path: Path) -> bytes:
+    """A file's content; nothing where it cannot be read just now."""
     try:
-        return zlib.crc32(path.read_bytes())
+        return path.read_bytes()
     except OSError:
-        return None
+        return b""
 
 
-def _empty_rows(image: NDArray[np.generic]) -> int:
-    """How many rows at the end of a picture are nothing but zeros."""
-    lit = np.flatnonzero(image.reshape(len(image), -1).any(axis=1))
-    return len(image) - 1 - int(lit[-1]) if len(lit) else len(image)
+def _empty_rows(content: bytes, rows: int) -> int:
+    """To how many of a picture's rows the longest part of its file amounts that is nothing but zeros.
+
+    By the bytes, whatever order the file has them in: some formats begin with the last row, and of some that are packed
+    the decoder makes no zeros of what is not there.
+    """
+    size = max(len(content) // rows, SECTOR)
+    parts = np.frombuffer(content, np.uint8, len(content) // size * size).reshape(-1, size)
+    lit = np.flatnonzero(parts.any(axis=1))
+    longest = int(np.diff(lit, prepend=-1, append=len(parts)).max()) - 1
+    return round(longest * size * rows / len(content))

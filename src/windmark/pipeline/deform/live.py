@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -43,6 +43,14 @@ class _Waiting:
     overtaken_s: float | None = None
     told: list[Arrival] = field(default_factory=list)
 
+    @property
+    def is_gone(self) -> bool:
+        """Whether nothing is left of it, as of a file that had another name while it was written: it is in no hurry.
+
+        Its number may be any; were it the last one dealt with, all that follow could be too late.
+        """
+        return not self.pending and all(a.fate == "gone" for a in self.told)
+
 
 class Watch:
     """Images as they arrive in a folder; iterate over it once.
@@ -81,24 +89,31 @@ class Watch:
         self._first: str | None = None
         self._measured = 0
         self.told: list[Arrival] = []
-        """Files whose fate is known; whoever writes them down empties the list."""
+        """Files whose fate is known; whoever writes them down takes them out of the list."""
 
-    def go_on(self, done: Collection[str], known: Collection[tuple[str, str]]) -> None:
+    def go_on(
+        self, done: Collection[str], known: Mapping[tuple[str, str], tuple[int, int] | None], measured: int
+    ) -> None:
         """Begin behind a run that was stopped.
 
         Parameters
         ----------
         done : the frames that it has dealt with, in that order
-        known : cameras and names of the files that it has dealt with
+        known : cameras and names of the files that it has dealt with; size and date of those that it has measured
+        measured : how many of the frames it has measured
         """
-        self._done = dict.fromkeys(done, ())
+        self._done, self._measured = dict.fromkeys(done, ()), measured
         self._last, self._first = max(done, key=order, default=None), next(iter(done), None)
-        self._inbox.known = frozenset(known)
+        self._inbox.known = dict(known)
 
     @property
     def foreign(self) -> list[str]:
         """Names of files that match no camera's pattern."""
         return self._inbox.foreign
+
+    def prints(self, frame: FrameImages) -> dict[str, str]:
+        """Camera -> name, size and date of its picture of a frame that was handed on."""
+        return {camera: self._inbox.print_of(path) for camera, path in frame.images.items()}
 
     def changed_since(self) -> list[str]:
         """Names of files that were changed after they had been read."""
@@ -106,25 +121,28 @@ class Watch:
 
     def __iter__(self) -> Iterator[FrameImages]:
         last_new = time.monotonic()
-        while True:
+        while not self._enough:
             now = time.monotonic()
             with interrupts_wait():  # or a file amid two lists would be in neither of them
                 last_new = now if self._look(now) else last_new
             for frame in self._due(now):
                 yield from self._handed(frame)
                 last_new = time.monotonic()
-                if self._stop_after is not None and self._measured >= self._stop_after:
-                    with interrupts_wait():
-                        self._late = self.left(f"the run ended after {self._stop_after} frames, as asked for")
-                    for unmeasured in self._too_late():
-                        yield from self._handed(unmeasured)
-                    return
+                if self._enough:
+                    break
             idle = 0.0 if self._inbox.waiting else time.monotonic() - last_new
-            if self._idle_s is not None and idle > self._idle_s:
-                for key in sorted(self._waiting, key=order):  # what never became complete
+            if self._idle_s is not None and idle > self._idle_s and not self._enough:
+                waiting = sorted(self._waiting, key=order)  # what never became complete
+                if any(self._is_written_again(key, now) for key in waiting):
+                    continue
+                for key in waiting:
                     yield from self._handed(self._taken(key))
                 return
             time.sleep(POLL_S)
+        with interrupts_wait():
+            self._late = self.left(f"the run ended after {self._stop_after} frames, as asked for")
+        for unmeasured in self._too_late():
+            yield from self._handed(unmeasured)
 
     def left(self, why: str) -> list[FrameImages]:
         """The frames that were seen and not handed on, as such that are not measured; to be asked for at the end."""
@@ -133,9 +151,17 @@ class Watch:
             late, self._late = self._late, []
             waiting = [self._taken(key) for key in sorted(self._waiting, key=order)]
             self._current = None
+            left = {f.key for f in (*current, *waiting) if f.skipped is None}
+            self.told[:] = [
+                replace(a, fate="left", reason=why) if a.fate == "measured" and a.key in left else a for a in self.told
+            ]
         return [f if f.skipped else replace(f, skipped=("left", why)) for f in (*current, *late, *waiting)]
 
     # --- parts -----------------------------------------------------------------------------
+    @property
+    def _enough(self) -> bool:
+        return self._stop_after is not None and self._measured >= self._stop_after
+
     @property
     def _kind(self) -> str:
         """What says when frames were, see `kind_of`: the first file decides."""
@@ -191,8 +217,13 @@ class Watch:
 
     def _settled(self, of: _Waiting, file: Arriving, fate: str, reason: str, now: float) -> None:
         of.seen_s = max(of.seen_s, file.seen_s)
-        if fate == "measured" and file.camera in of.whole:
-            fate, reason = "duplicate", f"{of.whole[file.camera].name} is the same frame of this camera"
+        had = of.whole.get(file.camera)
+        if fate == "measured" and had is not None and self._inbox.is_as_taken(had):
+            fate, reason = "duplicate", f"{had.name} is the same frame of this camera"
+            of.odd[file.camera] = f"{had.name}: {file.path.name} is the same frame"
+        elif fate == "measured" and had is not None:  # it was renamed, or is written again
+            self._look_again(of, file.camera, had, now)
+            of.whole[file.camera] = file.path
         elif fate == "measured":
             of.whole[file.camera] = file.path
             if reason:
@@ -213,11 +244,27 @@ class Watch:
             settled = not of.pending and (
                 key in complete
                 or (of.overtaken_s is not None and now - of.overtaken_s >= OVERTAKEN_S)
-                or now - of.seen_s >= self._patience_s
+                or (now - of.seen_s >= self._patience_s and not of.is_gone)
             )
-            if not settled:
+            if not settled or self._is_written_again(key, now):
                 return  # the later ones wait for it: instants go on
             yield self._taken(key)
+
+    def _is_written_again(self, key: str, now: float) -> bool:
+        """Look again at those of its pictures that are not what they were when they were whole."""
+        of = self._waiting[key]
+        with interrupts_wait():
+            for camera, path in list(of.whole.items()):
+                if not self._inbox.is_as_taken(path):
+                    self._look_again(of, camera, path, now)
+        return bool(of.pending)
+
+    def _look_again(self, of: _Waiting, camera: str, path: Path, now: float) -> None:
+        del of.whole[camera]
+        of.odd.pop(camera, None)
+        of.told = [a for a in of.told if (a.camera, a.file) != (camera, path.name)]
+        of.pending.add(path)
+        self._inbox.again(path, camera, now)
 
     def _too_late(self) -> Iterator[FrameImages]:
         """Frames that are not measured, out of those that were put aside; each is the current one then."""
@@ -233,10 +280,11 @@ class Watch:
             return self._current
 
     def _made_of(self, key: str, of: _Waiting) -> FrameImages:
-        for path in of.pending:
+        for path in sorted(of.pending):
             file = self._inbox.waiting.pop(path, None)
             if file is not None:
-                of.told.append(Arrival(path.name, file.camera, key, "left", "the run ended before it was whole"))
+                why = "the run ended before it was known to be whole"
+                of.told.append(Arrival(path.name, file.camera, key, "left", why))
         self.told += of.told
         kind = self._kind
         instant = instant_of(key, kind, str(self._first), len(self._done))

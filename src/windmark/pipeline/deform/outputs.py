@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -24,7 +25,7 @@ from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import is_number, number_of, stamp_text
 from windmark.pipeline.deform.points import COLUMNS, FramePoints
 from windmark.pipeline.deform.record import MOTION, FrameRecord
-from windmark.pipeline.deform.resume import Kept, named, pictures_of
+from windmark.pipeline.deform.resume import Kept, named
 from windmark.pipeline.deform.series import series_content
 from windmark.pipeline.resume import CHUNK, SeriesJournal, Stopped, replaced_file
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
@@ -53,22 +54,24 @@ class Writer:
     table : what is known of the frames besides
     made : what the run is made with, see `made_with`
     stopped : the run that is gone on with; None for a new one
-    live : files arrive; their contents are not noted in the journal
+    arrived : live, the files whose fate is known: they are in the table with the next frame, or at the end, and then no
+        longer in this list. None for files on a disk
     """
 
     def __init__(
         self, folder: Path, loaded: Loaded, table: FrameTable, made: Mapping[str, Any],
-        stopped: Stopped[Kept] | None = None, *, live: bool = False,
+        stopped: Stopped[Kept] | None = None, *, arrived: list[Arrival] | None = None,
     ) -> None:  # fmt: skip
-        self._folder, self._loaded, self._table, self._made, self._live = folder, loaded, table, made, live
+        self._folder, self._loaded, self._table, self._made, self._arrived = folder, loaded, table, made, arrived
         self._names = loaded.test.volumes.names
         self._stopped = stopped
         self._rows: list[FrameRecord] = [] if stopped is None else [kept.row for kept in stopped.frames]
         self._in_series = 0
         self._files: dict[str, AppendedFile] = {}
         self._lines: dict[str, list[str]] = {}
-        self._arrivals: list[Arrival] = []
         self._sizes: dict[str, int] = {}
+        self._crcs: dict[str, int] = {}
+        self._crcs_kept: dict[str, int] = {}
         self._journal: SeriesJournal | None = None
 
     def __enter__(self) -> Writer:
@@ -96,7 +99,7 @@ class Writer:
     def add(
         self, frame: DeformedFrame, images: FrameImages, row: FrameRecord, mapped: Mapping[str, Array],
         points: Sequence[FramePoints] = (), *, state: Deformation | None = None, compared: bool = False,
-        handed_on: Mapping[str, Any] | None = None,
+        handed_on: Mapping[str, Any] | None = None, pictures: Mapping[str, str] | None = None,
     ) -> None:  # fmt: skip
         """Write one frame.
 
@@ -107,6 +110,7 @@ class Writer:
         state : what the film keeps of it
         compared : it is the most deformed one so far
         handed_on : what it hands on to the next, see `follow_deformation`
+        pictures : camera -> what tells whether its picture is still the same when the run goes on
         """
         self._frame_row(row)
         number = self._label(row)
@@ -126,20 +130,17 @@ class Writer:
             self._points(number, found)
         whole = all(isinstance(item, Path) for item in images.images.values())
         most = (frame, images if whole else None) if compared else None
-        pictures = {} if self._live else pictures_of(images)
         assert self._journal is not None
         with interrupts_wait():  # or tables would be taken back of a frame that the journal has
             self._commit()
             sizes = {name: file.size for name, file in self._files.items()}
-            self._journal.add(Kept(row, state, most, pictures, sizes), handed_on or {})
+            self._journal.add(Kept(row, state, most, pictures or {}, sizes, dict(self._crcs)), handed_on or {})
             self._rows.append(row)
-            self._sizes, self._arrivals = sizes, []
+            self._sizes, self._crcs_kept = sizes, dict(self._crcs)
+            if self._arrived is not None:
+                self._arrived.clear()
         if len(self._rows) % CHUNK == 0:
             self._sync()
-
-    def arrived(self, files: Sequence[Arrival]) -> None:
-        """Note what became of files; they are in the table with the next frame, or at the end."""
-        self._arrivals += files
 
     @property
     def frames(self) -> set[str]:
@@ -151,15 +152,21 @@ class Writer:
         for name, size in self._sizes.items():
             self._files[name].take_back(size)
             self._lines[name].clear()
+        self._crcs = dict(self._crcs_kept)
 
     # --- whole or not at all ---------------------------------------------------------------
     def _commit(self) -> None:
-        for a in self._arrivals:
+        for a in self._arrived or ():
             self._line("arrivals.csv", [_quoted(a.file), _quoted(a.camera), _quoted(a.key), a.fate, _quoted(a.reason)])
         for name, lines in self._lines.items():
             if lines:
-                self._files[name].append("".join(lines).encode())
+                self._append(name, "".join(lines))
                 lines.clear()
+
+    def _append(self, name: str, text: str) -> None:
+        content = text.encode()
+        self._files[name].append(content)
+        self._crcs[name] = zlib.crc32(content, self._crcs.get(name, 0))
 
     def _sync(self) -> None:
         """Make all of it outlast a power failure, and the series readable."""
@@ -195,12 +202,16 @@ class Writer:
         for name, (head, about) in self._tables().items():
             self._files[name] = AppendedFile(self._folder / name, self._sizes.get(name))
             self._lines[name] = []
+            first = about + ",".join(map(_quoted, head)) + "\n"
             if name not in self._sizes:
-                self._files[name].append((about + ",".join(map(_quoted, head)) + "\n").encode())
+                self._append(name, first)
+            elif stopped is not None:
+                self._crcs[name] = stopped.frames[-1].crcs[name] if stopped.frames else zlib.crc32(first.encode())
         with io.atomic_write(self._folder / "units.json") as stream:
             units_of = {"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}
             stream.write(json.dumps(units_of, indent=2) + "\n")
         self._sizes = {name: file.size for name, file in self._files.items()}
+        self._crcs_kept = dict(self._crcs)
         self._journal = SeriesJournal(self._folder, named(self._loaded.test), stopped)
         if stopped is None:
             self._journal.begin(self._made, self._sizes)
@@ -227,7 +238,7 @@ class Writer:
         about = f"# length unit: {self._loaded.project.length_unit}\n# value, sigma: grey level\n"
         for entry in self._loaded.project.points:
             out[f"points-{entry.label}.csv"] = (COLUMNS, about)
-        if self._live:
+        if self._arrived is not None:
             out["arrivals.csv"] = (["file", "camera", "frame", "fate", "reason"], "")
         return out
 

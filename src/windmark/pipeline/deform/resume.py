@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,9 @@ from windmark.pipeline.deform.project import RECORDING, DeformProject
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages
 
+READ_BYTES = 1 << 20
+"""Of a table at once."""
+
 
 @dataclass(frozen=True)
 class Kept:
@@ -28,8 +32,9 @@ class Kept:
     state : its deformation where the film keeps it
     compared : the frame itself and its pictures where it is the most deformed one so far that was mapped; the pictures
         None where they are frames of a recording
-    pictures : camera -> its pictures' name, size and checksum
+    pictures : camera -> its pictures' name, size and checksum; live, name, size and date
     sizes : table -> its length in bytes
+    crcs : table -> checksum of what it has
     """
 
     row: FrameRecord
@@ -37,6 +42,7 @@ class Kept:
     compared: tuple[DeformedFrame, FrameImages | None] | None
     pictures: Mapping[str, str]
     sizes: Mapping[str, int]
+    crcs: Mapping[str, int]
 
     @property
     def key(self) -> str:
@@ -54,10 +60,19 @@ def named(test: DeformationTest) -> dict[str, Any]:
     return {name: value for name, value in out.items() if value is not None}
 
 
-def made_with(project: DeformProject) -> dict[str, Any]:
-    """See `same_run.made_with`; where the results go is left out."""
+def made_with(project: DeformProject, wind_off: Mapping[str, FrameImages]) -> dict[str, Any]:
+    """See `same_run.made_with`; where the results go is left out.
+
+    Every frame is relative to the wind-off ones: their pictures count wherever they are in the sequence.
+    """
     options = json.loads(project.model_dump_json(exclude={"path": True, "output": {"folder"}, "watch": True}))
-    return same_run.made_with("deform", {f"[{k}] of the project": v for k, v in options.items()}, inputs(project))
+    said = {f"[{k}] of the project": v for k, v in options.items()}
+    return same_run.made_with("deform", said | prints_of(wind_off), inputs(project))
+
+
+def prints_of(wind_off: Mapping[str, FrameImages]) -> dict[str, Any]:
+    """What the pictures of the wind-off frames are called in messages -> `pictures_of` them."""
+    return {f"a picture of the wind-off frame {key}": pictures_of(frame) for key, frame in wind_off.items()}
 
 
 def inputs(project: DeformProject) -> list[tuple[str, Path]]:
@@ -90,11 +105,38 @@ def pictures_of(frame: FrameImages) -> dict[str, str]:
     return out
 
 
-def files_told(folder: Path, sizes: Mapping[str, int]) -> dict[tuple[str, str], str]:
-    """Camera and name of the files that the table of arrivals has -> what became of them."""
-    name = "arrivals.csv"
-    if name not in sizes:
-        return {}
-    with reading(folder / name):
-        text = (folder / name).read_bytes()[: sizes[name]].decode()
-    return {(row["camera"], row["file"]): row["fate"] for row in csv.DictReader(text.splitlines())}
+def check_tables(folder: Path, kept: Kept) -> None:
+    """See that the tables are as they were behind a frame: a spreadsheet saves them with other signs and line ends.
+
+    Raises
+    ------
+    FileError
+        For the first one that is not.
+    """
+    for name, size in kept.sizes.items():
+        crc, left = 0, size
+        with reading(folder / name), open(folder / name, "rb") as stream:
+            while left and (content := stream.read(min(left, READ_BYTES))):
+                crc, left = zlib.crc32(content, crc), left - len(content)
+        if left or crc != kept.crcs[name]:
+            raise io.FileError(folder / name, "was changed since the run was stopped; expected it as it was left")
+
+
+def states_of(frames: Iterable[Kept]) -> dict[tuple[str, str], tuple[int, int]]:
+    """Camera and name of the pictures of a live run -> size and date, see `Watch.prints`."""
+    out = {}
+    for kept in frames:
+        for camera, text in kept.pictures.items():
+            name, size, date = text.rsplit(":", 2)
+            out[camera, name] = int(size), int(date)
+    return out
+
+
+ARRIVALS = "arrivals.csv"
+
+
+def files_told(folder: Path, size: int | None = None) -> list[tuple[tuple[str, str], str]]:
+    """Camera and name of the files in the table of arrivals, in its first bytes or all, and what became of each."""
+    with reading(folder / ARRIVALS):
+        text = (folder / ARRIVALS).read_bytes()[:size].decode()
+    return [((row["camera"], row["file"]), row["fate"]) for row in csv.DictReader(text.splitlines())]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.deformation import Deformation, zero_markers
-from windmark.io.interrupts import interrupts_wait
 from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
 from windmark.pipeline.deform.grid_output import gridded, write_grid_series
 from windmark.pipeline.deform.live import Watch
@@ -28,11 +27,21 @@ from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, record
-from windmark.pipeline.deform.resume import Kept, files_told, made_with, named, pictures_of
+from windmark.pipeline.deform.resume import (
+    ARRIVALS,
+    Kept,
+    check_tables,
+    files_told,
+    made_with,
+    named,
+    pictures_of,
+    states_of,
+)
+from windmark.pipeline.deform.series import NOT_TRIED
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
 from windmark.pipeline.likely_unit import likely_unit, model_box
-from windmark.pipeline.resume import Stopped, check_state, read_stopped
+from windmark.pipeline.resume import Stopped, check_state, cut, read_stopped
 from windmark.pipeline.same_run import check_begun, check_pictures
 from windmark.scene import View
 from windmark.tasks.deform.states import identified_again
@@ -134,10 +143,10 @@ def run_sequence(
     if frames is not None and project.has_clocks:
         raise io.FileError(project.path, "images that arrive are paired by their numbers; cameras with clocks of their "
                            "own are measured from the disk", "camera")  # fmt: skip
-    made = made_with(project)
+    known = instants_of(project) if frames is None or project.sequence.zero else Timeline([], "")
+    made = made_with(project, wind_off_frames(project, known))
     if resume or finish:
         check_begun(folder, made)
-    known = instants_of(project) if frames is None or project.sequence.zero else Timeline([], "")
     out = Sequence(table=table, clock=known.clock, remarks=known.remarks)
     points = PointMapper(loaded) if project.points and loaded.mesh is not None else None
     loaded, out.zero, out.moved, still = zeroed(loaded, known)
@@ -145,11 +154,12 @@ def run_sequence(
     mapper = _mapper(loaded, still)
     if points is not None:
         points.reference(still)
-    job = _Job(loaded, out, mapper, points, live)
+    job = _Job(loaded, out, mapper, points, live, frames if isinstance(frames, Watch) else None)
     frames = known.frames if frames is None else frames
     if stopped is not None:
         frames = job.take_up(stopped, frames, known.frames, folder, finish)
-    with Writer(folder, loaded, table, made, stopped, live=live) as writer:
+    arrived = frames.told if isinstance(frames, Watch) else [] if live else None
+    with Writer(folder, loaded, table, made, stopped, arrived=arrived) as writer:
         try:
             job.follow(frames, writer, say)
         except KeyboardInterrupt:
@@ -159,6 +169,8 @@ def run_sequence(
             writer.undo()
         if isinstance(frames, Watch):
             job.close_watch(frames, writer)
+    if live:
+        out.arrivals.update(fate for _, fate in files_told(folder))
     write_grid_series(folder, project.output, out.records)
     out.compared = None if mapper is None else mapper.compared
     return out
@@ -173,6 +185,7 @@ class _Job:
     mapper: Mapper | None
     points: PointMapper | None
     live: bool
+    watch: Watch | None
     handed_on: dict[str, Any] = field(default_factory=dict)
 
     def take_up(
@@ -180,19 +193,26 @@ class _Job:
         finish: bool,
     ) -> Iterable[FrameImages]:  # fmt: skip
         """Go on with a run that was stopped; the frames that it has not measured."""
-        done, count = stopped.frames, len(stopped.frames)
+        if stopped.frames:
+            check_tables(folder, stopped.frames[-1])
         if not finish:
             check_state(folder, stopped)
-            if isinstance(frames, list):
-                check_pictures(folder, done, [(frame.key, pictures_of(frame)) for frame in frames[:count]])
         self.handed_on.update(stopped.handed_on(named(self.loaded.test)))
+        if isinstance(frames, Watch):
+            self._take_back_what_was_left(stopped, folder)
+        done, count = stopped.frames, len(stopped.frames)
+        if isinstance(frames, list) and not finish:
+            check_pictures(folder, done, [(frame.key, pictures_of(frame)) for frame in frames[:count]])
         for kept in done:
             self.out.keep(kept.row, kept.state)
         self._compare_again(done, {f.key: f for f in known})
-        told = files_told(folder, done[-1].sizes if done else stopped.sizes)
-        self.out.arrivals.update(told.values())
         if isinstance(frames, Watch):
-            frames.go_on([kept.row.key for kept in done], set(told))
+            sizes = done[-1].sizes if done else stopped.sizes
+            # One that had gone may be there again.
+            told = [file for file, fate in files_told(folder, sizes[ARRIVALS]) if fate != "gone"]
+            states = states_of(done)
+            measured = sum(kept.row.status not in NOT_TRIED for kept in done)
+            frames.go_on([kept.row.key for kept in done], {file: states.get(file) for file in told}, measured)
             return frames
         return [] if finish else islice(frames, count, None)
 
@@ -200,8 +220,6 @@ class _Job:
         """Measure and write frame after frame."""
         taken: list[FrameImages] = []
         for frame in follow_deformation(_noted(frames, taken), self.loaded.test, handed_on=self.handed_on):
-            if isinstance(frames, Watch):
-                self._told(frames, writer)
             row = self._write(frame, taken.pop(0), writer)
             if say is not None:
                 say(row)
@@ -209,7 +227,6 @@ class _Job:
     def close_watch(self, frames: Watch, writer: Writer) -> None:
         """Rows for the frames that were seen and not measured, fates of the last files, and what is odd about them."""
         left = [f for f in frames.left("the run was ended before it was measured") if f.key not in writer.frames]
-        self._told(frames, writer)
         followed = follow_deformation(left, self.loaded.test, handed_on=self.handed_on)
         for frame, images in zip(followed, left, strict=True):
             self._write(frame, images, writer)
@@ -221,6 +238,15 @@ class _Job:
                 self.out.remarks = (*self.out.remarks, f"{len(names)} files {what}: {some}")
 
     # --- parts -----------------------------------------------------------------------------
+    def _take_back_what_was_left(self, stopped: Stopped[Kept], folder: Path) -> None:
+        """Frames that a run left when it was to end, before it was killed: they are measured when it goes on."""
+        count = len(stopped.frames)
+        while count and stopped.frames[count - 1].row.status == "left":
+            count -= 1
+        if count < len(stopped.frames):
+            cut(stopped, folder, count)
+            self.handed_on["index"] = count  # all else that they hand on is the last measured one's
+
     def _write(self, frame: DeformedFrame, images: FrameImages, writer: Writer) -> FrameRecord:
         loaded, project, out = self.loaded, self.loaded.project, self.out
         markers = loaded.test.markers
@@ -235,16 +261,14 @@ class _Job:
         of_points = self.points.frame(frame, images) if self.points is not None else ()
         compared = self.mapper is not None and self.mapper.compared is not before
         kept = frame.state if out.films(row) else None
-        writer.add(frame, images, row, values, of_points, state=kept, compared=compared, handed_on=self.handed_on)
+        pictures = self.watch.prints(images) if self.watch else {} if self.live else pictures_of(images)
+        writer.add(
+            frame, images, row, values, of_points, state=kept, compared=compared, handed_on=self.handed_on,
+            pictures=pictures,
+        )  # fmt: skip
         out.keep(row, kept)
         out.gallery.look(row, frame, images, loaded.test)
         return row
-
-    def _told(self, frames: Watch, writer: Writer) -> None:
-        with interrupts_wait():  # what was told of is written in any case
-            told, frames.told = frames.told, []
-            self.out.arrivals.update(a.fate for a in told)
-            writer.arrived(told)
 
     def _compare_again(self, done: list[Kept], known: dict[str, FrameImages]) -> None:
         """The most deformed frame so far is mapped again, where its pictures are still there."""
@@ -293,17 +317,16 @@ def zeroed(
 ) -> tuple[Loaded, Zero | None, Array | None, list[tuple[DeformedFrame, FrameImages]]]:
     """The test with the markers where the wind-off frames show them, the wind-off state, and these frames."""
     project = loaded.project
-    wanted = [key_of(k) for k in project.sequence.zero]
+    wanted = wind_off_frames(project, timeline)
     if not wanted:
         return loaded, None, None, []
-    known = wind_off_frames(project, timeline)
     good, why = [], ""
-    for key in wanted:  # each for itself: wind-off frames may be far apart
-        frame = next(follow_deformation([known[key]], loaded.test))
+    for key, images in wanted.items():  # each for itself: wind-off frames may be far apart
+        frame = next(follow_deformation([images], loaded.test))
         if frame.state is None:
             why = f"frame {key}: {frame.reason}"
         else:
-            good.append((frame, known[key]))
+            good.append((frame, images))
     if not good:
         _check_units(loaded)
         raise io.FileError(project.path, f"no wind-off frame can be used; {why}", "sequence.zero")
@@ -316,12 +339,13 @@ def zeroed(
 
 
 def wind_off_frames(project: DeformProject, timeline: Timeline) -> dict[str, FrameImages]:
-    """The frames by their keys; `FileError` where one that is to be wind-off has no image."""
+    """The wind-off frames by their keys; `FileError` where one of them has no image."""
     known = {f.key: f for f in timeline.frames}
-    missing = [k for k in map(key_of, project.sequence.zero) if k not in known]
+    wanted = list(map(key_of, project.sequence.zero))
+    missing = [k for k in wanted if k not in known]
     if missing:
         raise io.FileError(project.path, f"frame {missing[0]} has no image; expected a wind-off frame", "sequence.zero")
-    return known
+    return {k: known[k] for k in wanted}
 
 
 def _check_units(loaded: Loaded) -> None:

@@ -16,8 +16,8 @@ from windmark.paint import dominant
 from windmark.pipeline import same_run
 from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.resume import inputs as deform_inputs
-from windmark.pipeline.deform.resume import named, pictures_of
-from windmark.pipeline.deform.run import zeroed
+from windmark.pipeline.deform.resume import named, pictures_of, prints_of
+from windmark.pipeline.deform.run import wind_off_frames, zeroed
 from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes, risen_before
 from windmark.pipeline.infrared.frame import run_frame
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
@@ -208,4 +208,6 @@ def made_with(run: InfraredRun) -> dict[str, Any]:
     if project.surface.table is not None:
         files.append(("surface.table", project.surface.table))
     files += [(f"points {p.label}: file", p.file) for p in project.points]
-    return same_run.made_with("infrared", {f"[{k}] of the project": v for k, v in options.items()}, files)
+    said = {f"[{k}] of the project": v for k, v in options.items()}
+    wind_off = wind_off_frames(run.deforming.project, run.timeline)
+    return same_run.made_with("infrared", said | prints_of(wind_off), files)
