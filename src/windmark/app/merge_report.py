@@ -9,7 +9,7 @@ import numpy as np
 
 from windmark.app import merge_pictures, pictures
 from windmark.app.pictures import png
-from windmark.app.report import Report
+from windmark.app.report import Report, fixed
 from windmark.errors import g2, g3
 from windmark.pipeline.merge import MergeResult
 from windmark.pipeline.merge_outputs import merge_summary, table_summary
@@ -131,7 +131,7 @@ def tables(report: Report, found: Sequence[PointTable | MergedTable], unit: str,
         asked, distance, v = table.of.asked, table.of.surface.distance, table.values
         rows = [
             (f"“{table.of.names[k]}”" if str(table.of.names[k]).replace(".", "").isdigit() else str(table.of.names[k]),
-             *(float(c) for c in asked[k]), float(distance[k]), float(v.value[k]), float(v.sigma[k]),
+             *(fixed(c, 3) for c in asked[k]), fixed(distance[k], 4), float(v.value[k]), float(v.sigma[k]),
              REASONS.get(str(reasons[k]), str(reasons[k]).replace("_", " ")))
             for k in range(min(len(reasons), MOST_ROWS))
         ]  # fmt: skip

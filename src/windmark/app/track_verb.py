@@ -174,8 +174,7 @@ def _page(
         "markers were looked for near their predicted places only."
     )
     if record["unchecked"]:
-        words = "; ".join(u["words"] for u in record["unchecked"])
-        report.text(f"The images cannot tell: {words}.", "soft")
+        report.listed("The images cannot tell:", (u["words"] for u in record["unchecked"]), "soft")
     for row in rows:
         if row.status == "lost":
             report.text(f"{row.name}: {row.reason}", "bad")
