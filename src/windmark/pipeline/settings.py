@@ -8,7 +8,7 @@ import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from unicodedata import normalize
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -94,7 +94,7 @@ def explanation(one: Mapping[str, Any], root: type[BaseModel]) -> tuple[str | No
         model = _model_at(root, keys[:-1])
         return key, f"unknown key{nearest(keys[-1], _keys_of(model))}; expected {known_keys(model)}"
     if one["type"] == "missing":
-        return key, "is missing"
+        return key, f"is missing{_choices(_model_at(root, keys[:-1]), keys[-1])}"
     if one["type"] == "value_error":
         return key, str(one["ctx"]["error"])
     if "words" in one.get("ctx", {}):  # of `faults`
@@ -220,6 +220,15 @@ def _keys_of(model: type[BaseModel]) -> list[str]:
 def known_keys(model: type[BaseModel]) -> str:
     """The keys of a table, in words."""
     return f"one of {', '.join(_keys_of(model))}"
+
+
+def _choices(model: type[BaseModel], name: str) -> str:
+    """"; expected in, ft, mm, cm or m" of a setting that is one of a few words; "" of others."""
+    field = next((f for n, f in model.model_fields.items() if name in (n, f.alias)), None)
+    if field is None or get_origin(field.annotation) is not Literal:
+        return ""
+    *words, last = map(str, get_args(field.annotation))
+    return f"; expected {', '.join(words)} or {last}" if words else ""
 
 
 def _model_at(root: type[BaseModel], keys: list[str]) -> type[BaseModel]:
