@@ -28,6 +28,7 @@ class Kept:
     state : its deformation where the film keeps it
     compared : the frame itself and its pictures where it is the most deformed one so far that was mapped; the pictures
         None where they are frames of a recording
+    pictured : the same where the report shows its pictures, or did until then: see `Gallery`
     pictures : camera -> its pictures' name, size and checksum
     sizes : table -> its length in bytes
     """
@@ -35,6 +36,7 @@ class Kept:
     row: FrameRecord
     state: Deformation | None
     compared: tuple[DeformedFrame, FrameImages | None] | None
+    pictured: tuple[DeformedFrame, FrameImages | None] | None
     pictures: Mapping[str, str]
     sizes: Mapping[str, int]
 

@@ -64,7 +64,7 @@ class Sequence:
     clock : the camera whose pictures are the instants; "" where pictures of one number are of one instant
     remarks : what is odd about the pictures' times
     arrivals : what became of the files that arrived -> how many
-    gallery : the instants that are shown by their pictures, of those that this run measured
+    gallery : the instants that are shown by their pictures
     """
 
     records: list[FrameRecord] = field(default_factory=list)
@@ -188,7 +188,11 @@ class _Job:
         self.handed_on.update(stopped.handed_on(named(self.loaded.test)))
         for kept in done:
             self.out.keep(kept.row, kept.state)
-        self._compare_again(done, {f.key: f for f in known})
+        there = {f.key: f for f in known}
+        self._compare_again(done, there)
+        for kept in done:
+            if kept.pictured is not None and (images := kept.pictured[1] or there.get(kept.key)) is not None:
+                self.out.gallery.look(kept.row, kept.pictured[0], images, self.loaded.test)
         told = files_told(folder, done[-1].sizes if done else stopped.sizes)
         self.out.arrivals.update(told.values())
         if isinstance(frames, Watch):
@@ -235,9 +239,10 @@ class _Job:
         of_points = self.points.frame(frame, images) if self.points is not None else ()
         compared = self.mapper is not None and self.mapper.compared is not before
         kept = frame.state if out.films(row) else None
-        writer.add(frame, images, row, values, of_points, state=kept, compared=compared, handed_on=self.handed_on)
+        pictured = out.gallery.look(row, frame, images, loaded.test)
+        writer.add(frame, images, row, values, of_points, state=kept, compared=compared, pictured=pictured,
+                   handed_on=self.handed_on)  # fmt: skip
         out.keep(row, kept)
-        out.gallery.look(row, frame, images, loaded.test)
         return row
 
     def _told(self, frames: Watch, writer: Writer) -> None:
