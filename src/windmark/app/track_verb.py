@@ -236,7 +236,7 @@ def _lines(rows: list[PoseRow]) -> list[str]:
     """Counts, and one line for every image that was not simply tracked."""
     count: Callable[[str], int] = [row.status for row in rows].count
     said = [f"{count(key)} {words}" for key, words in WORDS.items() if count(key)]
-    lines = [f"{len(rows)} images: {', '.join(said)}"]
+    lines = [f"{len(rows)} image{'s' * (len(rows) != 1)}: {', '.join(said)}"]
     lines.extend(f"  {row.name}: {row.status}: {row.reason}" for row in rows if row.reason)
     good = [row for row in rows if row.cam_from_model is not None]
     if good:
