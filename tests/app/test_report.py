@@ -187,6 +187,14 @@ def test_names_that_would_lie_over_each_other_wait_for_the_zoom():
     assert "left &lt;1&gt;" in html
 
 
+def test_a_name_at_the_upper_border_stands_below_its_spot():
+    over = Overlay((950, 600))
+    over.names_at(np.array([[100.0, 3.0], [300.0, 100.0]]), ["high", "middle"])
+    high, middle = (float(y) for y in re.findall(r'<text[^>]* y="([-\d.]+)"', over.html("data:,", "names")))
+    assert high > 3.0 + 10.0
+    assert middle < 100.0
+
+
 def test_options_are_said_in_words():
     report = Report("test")
     report.closing([], {"max_angle_deg": 3.0, "free": ("k1",)}, {})

@@ -203,9 +203,10 @@ class Overlay:
         for name, (x, y) in zip(names, xy.tolist(), strict=True):
             right = x > 0.93 * self.size_px[0]
             anchor = ' text-anchor="end"' if right else ""
-            crowded = self._crowded(x + (-step if right else step), y - 0.7 * step, len(name), right=right)
+            base = y - 0.7 * step if y > 2 * step else y + 1.6 * step  # below what is at the upper border
+            crowded = self._crowded(x + (-step if right else step), base, len(name), right=right)
             self.names.append(f'<text class="{style}{crowded}" x="{x + (-step if right else step):.1f}" '
-                              f'y="{y - 0.7 * step:.1f}"{anchor}>{escape(name)}</text>')  # fmt: skip
+                              f'y="{base:.1f}"{anchor}>{escape(name)}</text>')  # fmt: skip
 
     def _crowded(self, x: float, y: float, letters: int, *, right: bool) -> str:
         """A class for a name that would be written over another one: it is shown when the picture is zoomed."""
