@@ -12,6 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 ROOT = Path(__file__).parents[1]
@@ -23,7 +24,8 @@ PARTS = (
     {"align-2d-residuals": (".wm-photo", 2 / 3)},
 )
 """Of each report: name -> where it is, and its size."""
-COLOURS = 200
+GREYS, VIVID = 130, 110
+"""Colours of the picture, and of what is drawn in bright ones: thin lines would share the picture's else."""
 
 
 def main(reports: list[Path]) -> None:
@@ -48,10 +50,23 @@ def take(tab: browser.Page, report: Path, parts: dict[str, tuple[str, float]]) -
                      " return [r.x + scrollX, r.y + scrollY, r.width, r.height]; })()")  # fmt: skip
         shot = Image.open(io.BytesIO(tab.shot(clip=box, whole=True))).convert("RGB")
         shot = shot.resize((round(shot.width * scale), round(shot.height * scale)), Image.Resampling.LANCZOS)
-        small = shot.quantize(COLOURS, dither=Image.Dither.NONE)
-        small.save(ROOT / "docs" / "pictures" / f"{name}.png", optimize=True)
+        few_colours(shot).save(ROOT / "docs" / "pictures" / f"{name}.png", optimize=True)
     if said := tab.wrong():
         raise SystemExit(f"the page did what it must not: {said}")
+
+
+def few_colours(shot: Image.Image) -> Image.Image:
+    """A picture of so few colours, those of thin lines among them."""
+    pixels = np.asarray(shot)
+    vivid = np.ptp(pixels.astype(int), axis=2) > 60
+    palette: list[int] = []
+    for some, count in ((pixels[~vivid], GREYS), (pixels[vivid], VIVID)):
+        if len(some):
+            few = Image.fromarray(some[None]).quantize(count, dither=Image.Dither.NONE)
+            palette += (few.getpalette() or [])[: 3 * count]
+    chosen = Image.new("P", (1, 1))
+    chosen.putpalette(palette)
+    return shot.quantize(palette=chosen, dither=Image.Dither.NONE)
 
 
 if __name__ == "__main__":

@@ -78,3 +78,9 @@ raise ValueError(f"unit must be one of {units}")
 
 def test_nothing_has_no_sign():
     assert [windmark.errors.g2(v) for v in (-0.0, 0.0, -0.001)] == ["0", "0", "-0.001"]
+
+
+def test_a_number_has_the_digits_that_its_sigma_earns():
+    pairs = (0.00699, 0.014), (1347.3521, 0.0497), (12.3, 0.0), (5e3, 210.0)
+    said = [windmark.errors.plus_minus(*pair) for pair in pairs]
+    assert said == ["0.007 ± 0.014", "1347.352 ± 0.050", "12.3", "5000 ± 210"]

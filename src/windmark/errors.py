@@ -41,6 +41,14 @@ def g1(value: SupportsFloat) -> str:
     return _plain(f"{value:.1g}")
 
 
+def plus_minus(value: float, sigma: float) -> str:
+    """A number with as many digits as its sigma, which has two, earns: ``0.007 ± 0.014``."""
+    if not 0.0 < sigma < float("inf"):
+        return g3(value)
+    decimals = max(1 - int(f"{sigma:.1e}".partition("e")[2]), 0)
+    return f"{value:z.{decimals}f} ± {sigma:.{decimals}f}"
+
+
 def _plain(text: str) -> str:
     text = "0" if text == "-0" else text
     return f"{float(text):.0f}" if "e+0" in text and abs(float(text)) < 1e6 else text

@@ -284,3 +284,33 @@ def test_a_refused_run_leaves_no_older_numbers_beside_its_report(windmark, job):
     assert (results / "notes.txt").read_text() == "mine\n"
     assert (kept / "wind-off" / "nodes.csv").read_text() == "a good result\n"
     assert f"kept in {kept}" in done.err
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (("-m", "markers.csv", "-c", "camera.json", "--unit", "milimeter"), "--unit: expected 'in', 'ft', 'mm'"),
+        (("-m", "markers.csv", "-c", "markers.csv", "--unit", "mm"), "markers.csv: is a table, by its name; exp"),
+        (("-m", "markers.csv", "-c", "model.grid", "--unit", "mm"), "model.grid: is a surface grid, by its name; exp"),
+    ],
+)
+def test_what_a_newcomer_mixes_up_is_named(windmark, job, monkeypatch, asked, words):
+    monkeypatch.chdir(job)
+    done = windmark("register", "wind-off.tif", *asked)
+    assert done.code == 2
+    assert words in done.err
+    assert "length_unit" not in done.err
+
+
+def test_a_picture_that_is_not_there_is_named_and_no_key(windmark, job, monkeypatch):
+    monkeypatch.chdir(job)
+    done = windmark("register", "wind-of.tif", "-m", "markers.csv", "-c", "camera.json", "--unit", "mm")
+    assert (done.code, "image[0]" in done.err) == (2, False)
+    assert "there is no file wind-of.tif" in done.err
+
+
+def test_resect_without_a_pose_says_what_finds_it(windmark, job, monkeypatch):
+    monkeypatch.chdir(job)
+    done = windmark("resect", "wind-off.tif", "-c", "camera.json", "-g", "model.grid", "--unit", "mm", "-o", "out")
+    assert done.code == 1
+    assert "windmark register finds it" in done.err

@@ -108,7 +108,7 @@ def test_a_change_of_unit_is_said(windmark, grid, tmp_path):
         (["a.grid", "--from-plot3d", "ascii"], "does not fit --from-plot3d ascii; it could be: Fortran records"),
         (["a.grid", "--size", "640x480"], "--size is for camera, and"),
         (["a.grid", "--as", "wings"], "--as must be one of camera, grid, markers, pictures"),
-        (["a.yml", "--as", "camera"], "wing.grid: this is not a text file"),
+        (["a.yml", "--as", "camera"], "wing.grid: is a surface grid, by its name; expected a camera file"),
         (["a.grid", "--values", "none.f"], "none.f: no such file"),
     ],
 )  # fmt: skip

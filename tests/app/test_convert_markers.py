@@ -150,7 +150,7 @@ def test_pictures_become_recordings(windmark, tmp_path):
     assert first.code == 0, first.err
     assert sorted(p.name for p in (tmp_path / "pictures").iterdir()) == ["manifest.json", "run-000000.png"]
     for target, options, message in (
-        ("a.stl", [], "is pictures; the target's path must end in one of .tif"),
+        ("a.stl", [], "holds pictures; the target's path must end in one of .tif"),
         ("c.tif", ["--unit", "mm"], "--unit is for camera, grid, markers, and"),
         ("a.tif", [], "is the source itself"),
     ):

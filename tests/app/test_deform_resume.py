@@ -70,6 +70,9 @@ def assert_same(one, other):
     assert without_seconds(one / "deformation.csv") == without_seconds(other / "deformation.csv")
     for file in (one / "grid").iterdir():
         assert file.read_bytes() == (other / "grid" / file.name).read_bytes(), file.name
+    shown = [re.findall("What the cameras saw: [^<]*", (out / "report.html").read_text(encoding="utf-8"))
+             for out in (one, other)]  # fmt: skip
+    assert shown[0] == shown[1] != []  # the first frame and the worst, also where they were measured before the stop
     a, b = series(one / "deformation.nc"), series(other / "deformation.nc")
     assert a.keys() == b.keys()
     assert [name for name in a if a[name] != b[name]] == []

@@ -129,7 +129,7 @@ def test_line_has_a_value_at_every_spacing(merged):
 def test_report_shows_it(merged):
     results, _, _ = merged
     page = (results / "report.html").read_text(encoding="utf-8")
-    for words in ("Merged images", "The image with the largest", "seam steps in sigmas", "Points “taps”",
+    for words in ("Merged images", "The image with the largest", "steps at seams, in sigmas", "Points “taps”",
                   "Values along the line"):  # fmt: skip
         assert words in page
 

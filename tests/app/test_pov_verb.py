@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from windmark import io
+from windmark.app.report import measured
 from windmark.geometry import Camera, Pose, PoV
 
 CAMERA = Camera((1280, 800), 1500.0, k1=-0.05)
@@ -29,7 +30,7 @@ def test_a_camera_file_in_figures_and_lines(windmark, file):
     assert done.json["length_unit"] == "mm"
     assert done.json["sigma"]["ry_deg"] == pytest.approx(np.degrees(1e-4))
     lines = windmark("pov", file).out
-    assert f"{pov.dz:.5f} mm  sigma" in lines
+    assert f"{measured(pov.dz, done.json['sigma']['dz'])[0]} mm  sigma" in lines
     assert "station in the model's frame: (100, 200, 1500) mm" in lines
 
 

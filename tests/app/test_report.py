@@ -9,8 +9,8 @@ import pytest
 
 from windmark.app import pictures, run_report
 from windmark.app.photo import Overlay
-from windmark.app.report import Report, cell, earned_decimals, measured, measured_rows
-from windmark.app.svg import ticks
+from windmark.app.report import Report, cell, earned_decimals, fixed, measured, measured_rows
+from windmark.app.svg import Chart, ticks
 from windmark.pipeline.private_paths import told, without_folders
 
 
@@ -39,6 +39,55 @@ def test_rows_of_numbers_have_the_digits_that_their_sigmas_earn():
     assert rows == [("1.000420", "0.0309", "-2.0000", "0.000021", "0.0025", "–"),
                     ("0.500", "1", "–", "0.020", "300", "–")]  # fmt: skip
     assert measured(0.23733, 0.000997) == ("0.2373", "0.0010")
+
+
+@pytest.mark.parametrize(
+    ("column", "texts"),
+    [
+        ([0.0679, 0.06857, None], ["0.06790", "0.06857", "–"]),  # of one size: one number of decimals
+        ([0.0679, 12.5], ["0.0679", "12.5"]),
+        ([0.0679, 0.06857, 3], ["0.0679", "0.06857", "3"]),  # a column of several things
+        ([float("nan"), 1.5, 2.25], ["–", "1.50", "2.25"]),
+        ([0.0, 0.0], ["0", "0"]),
+    ],
+)
+def test_numbers_of_a_column_end_at_one_decimal_where_they_are_of_one_size(column, texts):
+    report = Report("t")
+    report.table(["a"], [[v] for v in column])
+    assert re.findall(r"<td>([^<]*)</td>", report.parts[0]) == texts
+
+
+def test_sentences_in_cells_may_be_broken_and_names_may_not():
+    report = Report("t")
+    report.table(["file", "why"], [["wind-off.tif", "a sentence that is longer than what stands in one line"]])
+    assert re.findall(r'<td class="([a-z ]*)"', report.parts[0]) == ["text", "text long"]
+
+
+def test_a_list_is_escaped():
+    report = Report("t")
+    report.listed("such as", ["a < b", "/home/ann/c.csv"], "soft")
+    assert report.parts == ['<div class="soft"><p>such as</p><ul><li>a &lt; b</li><li>c.csv</li></ul></div>']
+
+
+def test_a_number_that_is_none_is_a_dash():
+    assert (fixed(1.23456, 2), fixed(float("nan"), 2), fixed(-0.001, 1)) == ("1.23", "–", "0.0")
+
+
+def test_names_in_a_chart_lie_over_no_dot_and_no_other_name():
+    chart = Chart((-1.0, 1.0), (-1.0, 1.0), ("x", "y"), size=(430, 420))
+    rng = np.random.default_rng(0)
+    at = rng.normal(scale=0.2, size=(60, 2))
+    chart.dots(at[:, 0], at[:, 1], ["note"] * 60, [f"W{k:02d}" for k in range(60)])
+    said = "".join(chart.parts)
+    dots = np.array(re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', said), dtype=float)
+    names = np.array(re.findall(r'<text x="([\d.]+)" y="([\d.]+)"', said), dtype=float)
+    assert len(dots) == 60
+    assert 10 < len(names) < 60
+    boxes = np.column_stack([names[:, 0], names[:, 1] - 9, names[:, 0] + 20, names[:, 1] + 1])
+    inside = (dots[:, None] > boxes[:, :2]).all(axis=2) & (dots[:, None] < boxes[:, 2:]).all(axis=2)
+    assert not inside.any()
+    low, high = np.maximum(boxes[:, None, :2], boxes[None, :, :2]), np.minimum(boxes[:, None, 2:], boxes[None, :, 2:])
+    assert (low < high).all(axis=2).sum() == len(names)  # each with itself
 
 
 def test_heads_stand_over_their_cells():
@@ -136,6 +185,14 @@ def test_names_that_would_lie_over_each_other_wait_for_the_zoom():
     assert html.count("crowded") == 1
     assert '">over it<' in html.partition("crowded")[2]
     assert "left &lt;1&gt;" in html
+
+
+def test_a_name_at_the_upper_border_stands_below_its_spot():
+    over = Overlay((950, 600))
+    over.names_at(np.array([[100.0, 3.0], [300.0, 100.0]]), ["high", "middle"])
+    high, middle = (float(y) for y in re.findall(r'<text[^>]* y="([-\d.]+)"', over.html("data:,", "names")))
+    assert high > 3.0 + 10.0
+    assert middle < 100.0
 
 
 def test_options_are_said_in_words():

@@ -85,7 +85,7 @@ def test_a_sequence_becomes_tables_a_picture_and_a_page(windmark, folder, tmp_pa
     assert page.count('class="wm-scene"') == 1
     # One camera sees no scale; the first image says so, and nothing after it can.
     assert "scale" in [u["what"] for u in done.json["unchecked"]]
-    assert "The images cannot tell: " in page
+    assert "The images cannot tell:</p><ul><li>" in page
 
 
 @pytest.mark.slow

@@ -96,6 +96,9 @@ def row(method="template", missed=0, two_rms=0.05, over=1.05, r0=3.0):
         ([row(missed=60), row("bowl", missed=70)], ("doubtful", "missing")),
         ([row(two_rms=0.3)], ("doubtful", "noise")),
         ([row(over=3.0)], ("doubtful", "noise")),
+        ([row(two_rms=0.01, over=3.0)], ("good", "")),  # nothing is better, and it is a hundredth of a pixel
+        ([row("bowl", two_rms=0.01, over=3.0)], ("doubtful", "noise")),  # without the better one beside it
+        ([row("bowl", two_rms=0.01, over=3.0), row(two_rms=0.02, over=4.0)], ("good", "")),
         ([row(missed=100)], ("bad", "few")),
         ([row(), row(missed=100, r0=1.0)], ("doubtful", "few")),
     ],
@@ -103,6 +106,20 @@ def row(method="template", missed=0, two_rms=0.05, over=1.05, r0=3.0):
 def test_a_study_is_judged_by_its_best_method(rows, expected):
     verdict = study_verdict(rows)
     assert (verdict.word, verdict.cause) == expected
+
+
+@pytest.mark.parametrize(
+    ("rows", "advised"),
+    [([row("bowl", over=3.0)], True), ([row("bowl", over=3.0), row(two_rms=0.06, over=4.0)], False),
+     ([row(over=3.0)], False)],
+)  # fmt: skip
+def test_a_method_is_advised_where_it_was_not_tried(rows, advised):
+    assert ("--method template" in study_verdict(rows).next_step) == advised
+
+
+def test_what_is_left_without_noise_is_said():
+    assert "11 x 11 sub-pixels" in study_verdict([row(two_rms=0.01, over=5.0)]).reason
+    assert "sub-pixels" not in study_verdict([row()]).reason
 
 
 def test_a_law_with_remarks_is_doubted(windmark, tmp_path):

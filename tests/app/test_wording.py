@@ -2,7 +2,7 @@
 
 import pytest
 
-from windmark.app.wording import named, setting
+from windmark.app.wording import duration, named, power_of_ten, setting
 from windmark.calibration import Weighted
 
 
@@ -28,3 +28,8 @@ def test_a_name_is_words_with_its_unit(name, said):
 )  # fmt: skip
 def test_a_value_is_no_python(value, said):
     assert setting(value) == said
+
+
+def test_powers_of_ten_and_times_are_written_by_hand():
+    assert [power_of_ten(v) for v in (-134.4, 0.0, 12.0)] == ["10⁻¹³⁴", "10⁰", "10¹²"]
+    assert [duration(v) for v in (2.1e-05, 1.6333, None)] == ["0.00", "1.63", "–"]

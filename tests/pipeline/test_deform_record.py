@@ -8,6 +8,7 @@ from swept_scenes import BEAM, CAMERAS, MARKERS, PARTS, VIEWS, VOLUMES, Q, obser
 
 from windmark.deformation import Volume, identify
 from windmark.deformation.laws import Powers
+from windmark.errors import plus_minus
 from windmark.pipeline.deform import DeformedFrame
 from windmark.pipeline.deform.record import DOUBTFUL, Zero, doubtful, record
 from windmark.scene import Observations
@@ -56,6 +57,6 @@ def test_a_wind_off_zero_says_how_far_it_is_from_the_tables_shape():
     assert (bent.frames, bent.marker) == (2, MARKERS.name[size.argmax()])
     assert abs(bent.deformed - size.max()) < 4 * bent.deformed_sigma < 0.02 * size.max()
     assert still.deformed < 4 * still.deformed_sigma
-    assert bent.words("mm").startswith(f"by the laws up to {bent.deformed:.3g}")
+    assert bent.words("mm").startswith(f"by the laws up to {plus_minus(bent.deformed, bent.deformed_sigma)} mm")
     assert "no other shape" in replace(still, deformed=2 * still.deformed_sigma).words("mm")
     assert "or a load" in replace(still, deformed=4 * still.deformed_sigma).words("mm")

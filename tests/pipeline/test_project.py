@@ -34,6 +34,11 @@ def write(tmp_path):
     return written
 
 
+def test_a_unit_that_is_missing_is_asked_for_with_those_there_are(write):
+    with pytest.raises(FileError, match="length_unit: is missing; expected in, ft, mm, cm or m"):
+        read_project(write(GOOD.replace('length_unit = "mm"\n', "")))
+
+
 def test_a_good_project_has_absolute_paths_and_defaults(write, tmp_path):
     project = read_project(write(GOOD))
     assert project.image[0].file == tmp_path / "a.tif"

@@ -106,5 +106,5 @@ def test_results_say_them_in_figures_and_words():
     record = json.loads(io.to_json(registration_summary(found, markers.name, None, "mm")))["weak"][0]
     assert record["motions"] == ["along the viewing direction"]
     assert record["words"].endswith("% of the distance")
-    assert f"{found.weak[0].sigma[0]:.3g} mm" in record["words"]
+    assert f"{found.weak[0].sigma[0]:.2g} mm" in record["words"]
     assert len(record["step"]) == 6

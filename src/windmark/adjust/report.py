@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 REASONS = {
-    "converged_gradient": "the minimum is closer than the tolerance, measured in the estimate's own sigma",
-    "converged_step": "the next step changes nothing to within rounding",
-    "converged_cost": "the next step cannot lower the cost by a noticeable part",
+    "converged_gradient": "at the minimum, to a small part of the sigmas",
+    "converged_step": "at the minimum: the next step changes nothing beyond rounding",
+    "converged_cost": "at the minimum: the next step lowers nothing by a noticeable part",
     "max_iterations": "the allowed iterations were used up before the minimum was reached",
     "stalled": "no step lowers the cost, though the gradient says that one should",
 }

@@ -37,7 +37,8 @@ def residual_photo(reference: NDArray[np.generic], answer: ImageAlignment, name:
     for layer, pairs, words, colour in (("rejected", answer.rejected, "rejected", MISSING),
                                         ("still", answer.still, "stand still: left out", SPARE)):  # fmt: skip
         if len(pairs):
-            over.lines(layer, _crosses(answer.reference_spots.xy[pairs[:, 0]]), f"{len(pairs)} {words}", colour)
+            crosses = _crosses(answer.reference_spots.xy[pairs[:, 0]])
+            over.lines(layer, crosses, f"{len(pairs)} {words}", colour, key="cross")
     return over.html(preview(reference, FIRST.photo)[0],
                      f"{name} on the reference: {len(place)} markers, {answer.kind}.")  # fmt: skip
 

@@ -11,6 +11,10 @@ from matplotlib.figure import Figure
 import windmark
 from windmark.app.pictures import png
 from windmark.app.report import Report
+from windmark.app.wording import duration, power_of_ten
+
+LEAST = -300.0
+"""Powers of ten below it are said as that."""
 
 Record = dict[str, Any]
 Drawing = tuple[str, Callable[[], Figure | str | None], str]
@@ -84,15 +88,20 @@ def align_report(record: Record, pictures: Mapping[str, Sequence[Drawing]]) -> R
     return report
 
 
+def _chance(log10_nfa: float) -> str:
+    """A false-alarm number as text."""
+    return power_of_ten(log10_nfa) if log10_nfa >= LEAST else f"below {power_of_ten(LEAST)}"
+
+
 def _row(row: Record) -> list[Any]:
     if not row["aligned"]:
-        return [row["image"], *([None] * 11), row["seconds"], "not aligned"]
+        return [row["image"], *([None] * 11), duration(row["seconds"]), "not aligned"]
     nfa = row["log10_nfa"]
     scatter = [None if row[k] is None else 100 * row[k] for k in ("ratio_scatter_before", "ratio_scatter_after")]
     return [
         row["image"], row["pairs"], row["rejected_pairs"], row["standing_still"], row["kind"],
         row["held_out_rms_px"], row["rms_px"],
-        row["largest_shift_px"], "given" if nfa != nfa else f"10^{max(nfa, -300):.0f}",
+        row["largest_shift_px"], "given" if nfa != nfa else _chance(nfa),
         100 * row["outside_the_markers"],
-        *scatter, row["seconds"], "aligned",
+        *scatter, duration(row["seconds"]), "aligned",
     ]  # fmt: skip

@@ -14,10 +14,11 @@ from windmark import io
 from windmark.app import calibrate_pictures as drawn
 from windmark.app import space_pictures as space
 from windmark.app.lens_pictures import residual_map_picture
-from windmark.app.lens_report import put_correction, put_distortion, put_parameters
+from windmark.app.lens_report import NAMES, put_correction, put_distortion, put_parameters
 from windmark.app.network_scene import network_scene
 from windmark.app.pictures import png
 from windmark.app.report import Report, measured, measured_rows
+from windmark.app.wording import power_of_ten
 from windmark.calibration import Calibration, NotCalibrated, undistort
 from windmark.calibration.lens_choice import lens_words
 from windmark.calibration.quality import Comparison, SplitHalf, residual_map
@@ -183,7 +184,7 @@ def _halves(report: Report, halves: SplitHalf | NotCalibrated, unit: str) -> Non
                          "model misses something, or the model moved." if optimistic else " say."),
                 "bad" if optimistic else "good")  # fmt: skip
     rows = [
-        (name, p, *measured(float(d), float(s)), float(abs(d) / s) if s > 0 else None)
+        (name, NAMES.get(p, p), *measured(float(d), float(s)), float(abs(d) / s) if s > 0 else None)
         for name, change in halves.change.items()
         for p, (d, s) in change.items()
     ]
@@ -228,18 +229,24 @@ def add_errors(report: Report, result: Calibration) -> None:
         report.table(["view or marker", "why"], list(result.dropped.items()), scroll=True)
 
 
+def _beyond(excess_px: float) -> str:
+    """What the residuals say of the detector's noise."""
+    if excess_px < 0.0005:
+        return "The residuals are the detector's own noise."
+    return (f"The residuals ask for {excess_px:.3f} px (1 sigma per coordinate) beyond the detector's own noise; it "
+            "was added to all marks.")  # fmt: skip
+
+
 def _matched(report: Report, matched: Sequence[Picture]) -> None:
     report.heading("Matching of the pictures")
     good = sum(m.count > 0 for m in matched)
     report.text(f"{good} of {len(matched)} pictures matched. Round: the first one in which a picture was certain; from "
                 "the second on, camera and markers are those of the calibration of the round before. All are matched "
-                f"again in each. The residuals ask for {matched[0].excess_px:.3f} px (1 sigma per coordinate) "
-                "beyond the "
-                "detector's own noise; it was added to all marks.")  # fmt: skip
+                f"again in each. {_beyond(matched[0].excess_px)}")  # fmt: skip
     report.table(
-        ["picture", "spots", "matched", "RMS px", "log10 of the false-alarm number", "round", "why not"],
+        ["picture", "spots", "matched", "RMS px", "false-alarm number", "round", "why not"],
         [
-            (m.name, len(m.detections), m.count, m.rms_px, None if m.log10_nfa is None else f"{m.log10_nfa:.0f}",
+            (m.name, len(m.detections), m.count, m.rms_px, None if m.log10_nfa is None else power_of_ten(m.log10_nfa),
              m.round or None, m.problem)
             for m in matched
         ],

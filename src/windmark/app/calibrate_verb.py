@@ -16,7 +16,7 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import NotCalibrated, Weighted
 from windmark.calibration.lens_choice import lens_words
 from windmark.calibration.quality import Comparison, SplitHalf, compare
-from windmark.errors import UsageError, g2
+from windmark.errors import UsageError, g2, plus_minus
 from windmark.geometry import Camera
 from windmark.pipeline.alike import left_out
 from windmark.pipeline.calibrate import (
@@ -255,8 +255,8 @@ def _lines(done: Calibrated, matched: Pictures, against: Comparison | None, file
                  f"RMS {result.rms_px:.3f} px")  # fmt: skip
     for name, camera in result.cameras.items():
         sigma = {p: result.sigma(name, p) for p in ("focal_px", "cx", "cy")}
-        lines.append(f"{name}: focal length {camera.focal_px:.2f} ({g2(sigma['focal_px'])}) px, principal point "
-                     f"{camera.cx:.2f} ({g2(sigma['cx'])}), {camera.cy:.2f} ({g2(sigma['cy'])}) px")  # fmt: skip
+        focal, *point = (plus_minus(getattr(camera, p), s) for p, s in sigma.items())
+        lines.append(f"{name}: focal length {focal} px, principal point {', '.join(point)} px (1 sigma)")
     if len(done.lenses) > 1:
         lines.append(lens_words(done.lenses))
     rms = (result.markers.sigma**2).mean(axis=0) ** 0.5
@@ -274,8 +274,8 @@ def _lines(done: Calibrated, matched: Pictures, against: Comparison | None, file
 
 
 def _beside_line(one: Beside, unit: str) -> str:
-    return (f"{one.camera} in the rig: {one.distance:.3f} ({g2(one.distance_sigma)}) {unit} and {one.angle_deg:.4f} "
-            f"({g2(one.angle_sigma_deg)}) deg from the first camera")  # fmt: skip
+    return (f"{one.camera} in the rig: {plus_minus(one.distance, one.distance_sigma)} {unit} and "
+            f"{plus_minus(one.angle_deg, one.angle_sigma_deg)} deg from the first camera (1 sigma)")  # fmt: skip
 
 
 def _halves_line(halves: SplitHalf | NotCalibrated, unit: str) -> str:

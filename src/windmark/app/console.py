@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import sys
+import textwrap
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
     from windmark.io import ResultFolder
     from windmark.pipeline.lengths import Lengths
 
+NARROWEST = 40
+"""Letters of a line on a terminal that says it has fewer."""
+_WHOLE = re.compile(r" *(report|results|written|picture|film): |.*\bnext: windmark ")
 DONE, DATA_SAY_NO, WRONG_USAGE, FAULT, INTERRUPTED = 0, 1, 2, 3, 130
 
 
@@ -121,6 +126,8 @@ def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:
         from windmark.io import to_json
 
         lines = [_printable(to_json(record))]
+    else:
+        lines = [laid(line, sys.stdout) for line in lines]
     try:
         for line in lines:
             typer.echo(line)
@@ -169,7 +176,21 @@ def note(path: Path, text: str) -> None:
 def complain(text: str) -> None:
     """One line for the user on the standard error; no run ends because it leads nowhere (any more)."""
     with suppress(OSError):
-        typer.echo(f"windmark: {text}", err=True)
+        typer.echo(laid(f"windmark: {text}", sys.stderr), err=True)
+
+
+def laid(line: str, stream: Any) -> str:
+    """A line for people: paths from the folder that they are in; on a terminal broken between words, the rest indented.
+
+    A line with a path or a command to be copied stays whole, and so does everything in a pipe.
+    """
+    here = os.getcwd() + os.sep
+    line = line.replace(here, "") if len(here) > 1 else line
+    if _WHOLE.match(line) or not stream.isatty():
+        return line
+    width = max(shutil.get_terminal_size().columns, NARROWEST)
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 class Narration:
@@ -185,7 +206,7 @@ class Narration:
         if not self._heard:
             return
         try:
-            typer.echo(line)
+            typer.echo(laid(line, sys.stdout))
         except OSError as error:
             self._heard = False
             complain(f"standard output: cannot be written: {reason(error)}; the run goes on without it")
@@ -373,7 +394,7 @@ def _fail(message: str, code: int, as_json: bool, error: WindmarkError | None = 
 
 def _advise(next_step: str) -> None:
     if next_step:
-        typer.echo(_printable(f"  next: {next_step}"), err=True)
+        typer.echo(laid(_printable(f"  next: {next_step}"), sys.stderr), err=True)
 
 
 def exit_with(code: int) -> typer.Exit:

@@ -19,6 +19,7 @@ from windmark.app.deform_scene import deform_scene
 from windmark.app.marked_photo import pictured_photo
 from windmark.app.pictures import png, surface_picture
 from windmark.app.report import Report, measured
+from windmark.app.wording import named
 from windmark.errors import g2, g3
 from windmark.pipeline.deform import Loaded, Sequence
 from windmark.pipeline.deform.pictures import read
@@ -179,9 +180,9 @@ def _tables(report: Report, loaded: Loaded, sequence: Sequence) -> None:
     unit = loaded.project.length_unit
     names, units = loaded.test.volumes.names, [p.unit for p in loaded.test.volumes.parameters]
     report.heading("Every frame")
-    laws = [f"{n} {u}".strip() for n, u in zip(names, units, strict=True)]
-    head = ["frame", "status", "spots", "out", "doubtful", "RMS px", "sigma0", *laws,
-            *(f"{m.removesuffix('_deg')} {'°' if m.endswith('_deg') else unit}" for m in MOTION), "reason"]  # fmt: skip
+    laws = [f"{n}, {u}" if u else n for n, u in zip(names, units, strict=True)]
+    motion = [named(m) if m.endswith("_deg") else f"{named(m)}, {unit}" for m in MOTION]
+    head = ["frame", "status", "spots", "out", "doubtful", "RMS px", "sigma0", *laws, *motion, "reason"]
     report.table(head, [
         [r.key, r.status, r.spots, r.outliers, len(r.doubtful), r.rms_px, r.sigma0, *_earned(r.q, r.q_sigma),
          *_earned(r.motion, r.motion_sigma), r.reason]

@@ -57,6 +57,11 @@ class Wishes:
         """What is to be written."""
         return [p for p in (self.output, self.explain, self.picture, self.merit_map, self.report) if p is not None]
 
+    @property
+    def shown(self) -> bool:
+        """Whether the spots are to be seen in a file."""
+        return self.report is not None or self.picture is not None
+
 
 @dataclass(frozen=True)
 class _Found:
@@ -96,7 +101,7 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
         good = any(len(one.spots) for one in found.values())
         failed: list[str] = []
         verdict = detect_verdict({name: Looked(one.state, len(one.spots), middle_sigma(one.spots.cov), one.why_none)
-                                  for name, one in found.items()}, lost.why)  # fmt: skip
+                                  for name, one in found.items()}, lost.why, wishes.shown)  # fmt: skip
         written = _write(found, wishes, good, failed, page_part(page, wishes, verdict, failed))
     lines = [_line(name, one) for name, one in found.items()] + lost.lines()
     record = {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output),

@@ -102,7 +102,7 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
         lost.refuse_unless(seen)
         show("write")
         good = any(one.got.found.any() for one in seen.values())
-        verdict = detect_verdict({name: _looked(one) for name, one in seen.items()}, lost.why)
+        verdict = detect_verdict({name: _looked(one) for name, one in seen.items()}, lost.why, wishes.shown)
         written = _write(seen, wishes, good, failed, page_part(page, wishes, verdict, failed))
     lines = [f"{name}: {one.got.found.sum()} of {len(one.expected)} expected markers{one.decided}{_why(one)}"
              for name, one in seen.items()]  # fmt: skip

@@ -22,6 +22,7 @@ from windmark.pipeline.new_series import (
     series_missing,
     series_text,
 )
+from windmark.pipeline.typed import typed
 
 SHOWN = 8
 """Files that could not be used that are listed."""
@@ -133,7 +134,7 @@ def _lines(content: FolderContent, choice: Choice, target: Path, verb: str) -> l
     if parts:
         lines += [f"  parts: {', '.join(parts)}; each is rigid until the file gives it a law"]
     step = "complete it, then " if choice.missing else ""
-    return [*lines, f"next: {step}windmark check {target}, then windmark {verb} {target}"]
+    return [*lines, f"next: {step}{typed('windmark', 'check', target)}, then {typed('windmark', verb, target)}"]
 
 
 def _found(content: FolderContent, choice: Choice) -> list[str]:

@@ -22,10 +22,15 @@ FRAME = Room(photo=120_000)
 
 
 def marked_photo(
-    image: NDArray[np.generic], xy: Array, residual: Array, names: Sequence[str], caption: str, room: Room = FIRST
-) -> str:
-    """A picture with its spots (K, 2), the residuals (projected − detected, px) of their markers, and these' names."""
+    image: NDArray[np.generic], xy: Array, residual: Array, names: Sequence[str], caption: str, room: Room = FIRST,
+    missing: tuple[Array, Sequence[str]] = (np.zeros((0, 2)), ()),
+) -> str:  # fmt: skip
+    """A picture with its spots (K, 2), the residuals (projected − detected, px) of their markers, and these' names.
+
+    ``missing``: places and names of markers that have no spot there.
+    """
     over = Overlay((image.shape[1], image.shape[0]))
+    over.missing(*missing, f"marker expected, no spot ({len(missing[1])})")
     return _with_matches(over, image, xy, residual, names, caption, room)
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CAUSE_MARKS = {"symmetric": "X", "mirrored": "D", "few": "v", "weak": "s", "time": "P", "wrong": "*"}
-RATE = "RdYlGn"
+RATE = "RdYlBu"
 MARKER, FAR_SIDE, LINK, NEW, WEAK = "#1565c0", "#90a4ae", "#ef6c00", "#d50000", "#d50000"
 MANY_NAMES = 90
 PAGE_IN = 10.0
@@ -288,12 +288,28 @@ def check_page(check: MarkerCheck, name: str, place: Path) -> Report:
             (place / f"{key}.png").write_bytes(drawn)
     _symmetries(report, check)
     report.heading("Directions")
-    columns = check.columns()
-    rows = zip(*(np.asarray(v).tolist() for v in columns.values()), strict=True)
-    report.table([named(key) for key in columns], rows, scroll=True)
+    _directions(report, check)
     report.heading("Assumptions")
     report.table(["assumption", "value"], [[named(k), setting(v)] for k, v in check.record()["settings"].items()])
     return report
+
+
+def _directions(report: Report, check: MarkerCheck) -> None:
+    """Table of the directions from which the layout was looked at; pose sigmas with two digits."""
+    of = check.columns()
+    text = [
+        [f"{v:.1f}" for v in of["azimuth_deg"]], [f"{v:.1f}" for v in of["elevation_deg"]], of["in_sight"].tolist(),
+        [int(n) if known else None for n, known in zip(of["views"], of["checked"], strict=True)],
+        [f"{100 * v:.0f}" if known else None for v, known in zip(of["identified"], of["checked"], strict=True)],
+        [str(v) or None for v in of["cause"]],
+        *([g2(v) if np.isfinite(v) else None for v in of[f"sigma_{k}"]]
+          for k in ("surface_px", "rotation_deg", "across", "along")),
+    ]  # fmt: skip
+    head = ["azimuth, °", "elevation, °", "markers in sight", "views tried", "identified, %", "why not",
+            "on the surface, px", "angle, °", f"across the line of sight, {check.unit}",
+            f"along it, {check.unit}"]  # fmt: skip
+    report.text("From each direction: the virtual views that were tried and identified; 1 sigma of the pose.", "soft")
+    report.table(head, zip(*text, strict=True), scroll=True)
 
 
 def _symmetries(report: Report, check: MarkerCheck) -> None:

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 COLOURS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#bcbd22", "#17becf", "#7f7f7f")
 """Of the images in the picture of sources, repeated when there are more."""
 NO_VALUE = 0.82
+MOST_SURE = 95.0
+"""Percentile of the sigmas up to which their colours differ."""
 
 
 def direction(merged: MergedViews) -> tuple[Array, Array, Array]:
@@ -48,7 +50,11 @@ def sigma_figure(merged: MergedViews) -> Figure:
         percent = 100 * merged.nodes.sigma / np.abs(merged.nodes.value)
     percent[~np.isfinite(percent)] = np.nan
     shown = surface_view(merged.mesh, percent, direction=ahead, up=up, focus=seen, fov_deg=10.0)
-    return pictures.surface_picture(shown.value, shown.shade, "Sigma of the merged values", "% of the value")
+    seen_percent = shown.value[np.isfinite(shown.value)]
+    # Outlines are many times less sure than the rest, which would all have one colour.
+    limits = tuple(np.percentile(seen_percent, [0.5, MOST_SURE])) if seen_percent.size else None
+    return pictures.surface_picture(shown.value, shown.shade, "Sigma of the merged values", "% of the value",
+                                    limits=limits)  # fmt: skip
 
 
 def source_figure(merged: MergedViews) -> Figure:

@@ -9,7 +9,7 @@ import numpy as np
 
 from windmark.app import merge_pictures, pictures
 from windmark.app.pictures import png
-from windmark.app.report import Report
+from windmark.app.report import Report, fixed
 from windmark.errors import g2, g3
 from windmark.pipeline.merge import MergeResult
 from windmark.pipeline.merge_outputs import merge_summary, table_summary
@@ -100,8 +100,8 @@ def _seams(report: Report, item: MergeResult, record: dict, unit: str) -> None:
         return
     if seams["nodes"]:
         report.table(
-            ["seam steps in sigmas", "mean", "mean size", "typical (1: noise alone)", "RMS", "largest"],
-            [("", *(float(seams[k]) for k in ("mean", "mean_size", "typical", "rms", "max")))],
+            ["steps at seams, in sigmas", "mean", "mean size", "typical (1: noise alone)", "RMS", "largest"],
+            [("all nodes that both see", *(float(seams[k]) for k in ("mean", "mean_size", "typical", "rms", "max")))],
         )
         report.picture(png(merge_pictures.seams_figure(merged, unit)),
                        "Where one image takes over from another: what both differ by there.")  # fmt: skip
@@ -124,14 +124,14 @@ def tables(report: Report, found: Sequence[PointTable | MergedTable], unit: str,
         moved = record["largest_move"]
         report.text(
             f"{record['with_value']} of {record['points']} points have a value."
-            + ("" if moved is None else f" They were moved by up to {g3(moved)} {unit} onto the surface (at most"
+            + ("" if moved is None else f" They were moved by up to {fixed(moved, 4)} {unit} onto the surface (at most"
                f" {g3(record['max_distance'])} {unit} is allowed).")
         )  # fmt: skip
         reasons = table.values.words if isinstance(table, PointTable) else table.reason
         asked, distance, v = table.of.asked, table.of.surface.distance, table.values
         rows = [
             (f"“{table.of.names[k]}”" if str(table.of.names[k]).replace(".", "").isdigit() else str(table.of.names[k]),
-             *(float(c) for c in asked[k]), float(distance[k]), float(v.value[k]), float(v.sigma[k]),
+             *(fixed(c, 3) for c in asked[k]), fixed(distance[k], 4), float(v.value[k]), float(v.sigma[k]),
              REASONS.get(str(reasons[k]), str(reasons[k]).replace("_", " ")))
             for k in range(min(len(reasons), MOST_ROWS))
         ]  # fmt: skip

@@ -108,6 +108,10 @@ def thumbnail(image: NDArray[np.generic], most: int, side: int = 260) -> str:
     return preview(grey[::step, ::step], most)[0]
 
 
+NAME_WIDE = 0.8
+"""Width of a letter of a name over a picture, by its height: capitals and figures of a bold face."""
+
+
 @dataclass
 class Overlay:
     """What is drawn over a picture of (width, height) pixels; layers that can be switched off.
@@ -166,12 +170,14 @@ class Overlay:
                                     f'<path class="residual residuals" d="{drawn}"/>')  # fmt: skip
         self._name(xy, names, "of-matched")
 
-    def lines(self, layer: str, lines: Sequence[Array], words: str, colour: str, width: float = 1.4) -> None:
-        """Lines (N, 2) of a layer of their own, ``width`` pixels of the screen wide."""
+    def lines(
+        self, layer: str, lines: Sequence[Array], words: str, colour: str, width: float = 1.4, key: str = "dash"
+    ) -> None:
+        """Lines (N, 2) of a layer of their own, ``width`` pixels of the screen wide; ``key``: its sign."""
         drawn = "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in line.tolist())
                         for line in lines if np.isfinite(line).all())  # fmt: skip
         style = f"stroke: {colour}; stroke-width: {width:g}"
-        self.layers[layer] = (_key(colour, words, "dash"), f'<path class="{layer}" style="{style}" d="{drawn}"/>')
+        self.layers[layer] = (_key(colour, words, key), f'<path class="{layer}" style="{style}" d="{drawn}"/>')
 
     def together(self, layers: Sequence[str], name: str, words: str) -> None:
         """Several layers as one with one switch, in the first one's place."""
@@ -197,14 +203,15 @@ class Overlay:
         for name, (x, y) in zip(names, xy.tolist(), strict=True):
             right = x > 0.93 * self.size_px[0]
             anchor = ' text-anchor="end"' if right else ""
-            crowded = self._crowded(x + (-step if right else step), y - 0.7 * step, len(name), right=right)
+            base = y - 0.7 * step if y > 2 * step else y + 1.6 * step  # below what is at the upper border
+            crowded = self._crowded(x + (-step if right else step), base, len(name), right=right)
             self.names.append(f'<text class="{style}{crowded}" x="{x + (-step if right else step):.1f}" '
-                              f'y="{y - 0.7 * step:.1f}"{anchor}>{escape(name)}</text>')  # fmt: skip
+                              f'y="{base:.1f}"{anchor}>{escape(name)}</text>')  # fmt: skip
 
     def _crowded(self, x: float, y: float, letters: int, *, right: bool) -> str:
         """A class for a name that would be written over another one: it is shown when the picture is zoomed."""
         high = self.size_px[0] / 95
-        wide = 0.62 * high * letters
+        wide = NAME_WIDE * high * letters
         box = (x - wide if right else x, y - 0.8 * high, x if right else x + wide, y + 0.2 * high)
         if any(o[0] < box[2] and box[0] < o[2] and o[1] < box[3] and box[1] < o[3] for o in self._boxes):
             return " crowded"
@@ -284,7 +291,7 @@ def polyline(line: Array, step: float) -> str:
 
 def _key(colour: str, words: str, shape: str = "") -> str:
     style = f' class="{shape}"' if shape else ""
-    return f'<i{style} style="border-color: {colour}"></i>{escape(words)} '
+    return f'<i{style} style="color: {colour}"></i>{escape(words)} '
 
 
 def _url(picture: Image.Image, kind: str, **how: int) -> str:

@@ -16,8 +16,9 @@ from windmark.app import console
 from windmark.app.alone import not_drawn, png_alone
 from windmark.app.commands.matching_options import grid_settings
 from windmark.app.convert_verb import parse_size
+from windmark.app.report import measured
 from windmark.app.verdict_words import judged
-from windmark.errors import UsageError, WindmarkError, g2
+from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera, Pose, PoV
 from windmark.pipeline.framing import FOV_DEG, SIZE_PX
 from windmark.pipeline.grid import read_grid
@@ -88,7 +89,8 @@ def show(wishes: Wishes, as_json: bool) -> None:
         record |= {"other": other, "difference": difference}
         lines += [*more, *words]
     found = [f.at(v.name) for v in views[:2] for f in viewpoint_findings(v.camera, v.pose, points, mesh)]
-    lines += judged(record, viewpoint_verdict(found, len(views), len(points) > 0))
+    files = ("" if path is None else path.name for path in (wishes.output, wishes.picture))
+    lines += judged(record, viewpoint_verdict(found, len(views), len(points) > 0, *files))
     if wishes.output is not None:
         if view.unit is None:
             raise UsageError(f"{view.name}: nothing says the length unit; give --unit to write {wishes.output}")
@@ -233,8 +235,9 @@ def _described(view: Viewpoint, points: Array) -> tuple[Record, list[str]]:
     lines = [f"{view.name}: {width} x {height} px, focal length {camera.focal_px:.3f} px", *notes]
     for name in (*NAMES, "fov_deg"):
         angle = name.endswith("_deg")
-        known = "" if sigma is None or math.isnan(getattr(sigma, name)) else f"  sigma {g2(getattr(sigma, name))}"
-        digits = f"{getattr(pov, name):z.5f}"
+        of = math.nan if sigma is None else getattr(sigma, name)
+        digits, known = measured(getattr(pov, name), of) if of > 0 else (f"{getattr(pov, name):z.5f}", "")
+        known = known and f"  sigma {known}"
         lines.append(f"  {name.removesuffix('_deg'):4s}{digits:>14s} {'deg' if angle else unit}{known}")
     lines += [
         f"  station in the model's frame: {_triple(view.pose.center)} {unit}",

@@ -13,6 +13,9 @@ from windmark.pipeline.private_paths import bare, path_told
 if TYPE_CHECKING:
     from windmark.io import ResultFolder
 
+LONGEST_NAME = 24
+"""Letters of a file's name that stay in one line."""
+
 
 @dataclass(frozen=True)
 class Provenance:
@@ -45,19 +48,26 @@ class Provenance:
         out = []
         if inputs:
             rows = "".join(
-                f"<tr><td>{escape(bare(one['file']))}</td><td>{one['bytes']:,}</td>"
+                f"<tr><td{_of(bare(one['file']))}>{escape(bare(one['file']))}</td><td>{one['bytes']:,}</td>"
                 f'<td class="hash">{one["sha256"]}</td></tr>'
                 for one in inputs
             )
             out.append(_closed(f"{len(inputs)} input file{'s' if len(inputs) > 1 else ''} with SHA-256",
                                '<tr><th>file</th><th>bytes</th><th class="text">SHA-256</th></tr>', rows))  # fmt: skip
         if self.options:
-            rows = "".join(f'<tr><td>{escape(k)}</td><td class="text">{escape(v)}</td></tr>' for k, v in self.options)
+            rows = "".join(
+                f'<tr><td>{escape(k)}</td><td class="text long">{escape(v)}</td></tr>' for k, v in self.options
+            )
             out.append(_closed("Options", '<tr><th>key</th><th class="text">value</th></tr>', rows))
         if versions := self.sources.get("versions"):
             said = ", ".join(f"{name} {version}" for name, version in versions.items())
             out.append(f'<p class="soft">Versions: {escape(said)}.</p>')
         return "".join(out)
+
+
+def _of(name: str) -> str:
+    """The class of the cell of a name: a long one may be broken into lines."""
+    return ' class="long"' if len(name) > LONGEST_NAME else ""
 
 
 def _closed(title: str, head: str, rows: str) -> str:
@@ -91,6 +101,8 @@ def _given(value: Any) -> str:
 
 
 def _text(value: Any, folder: Path) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()  # as it stands in the project
     if not isinstance(value, PurePath):
         return str(value)
     return path_told(value, folder)

@@ -14,7 +14,8 @@ from windmark import io
 from windmark.app.marked_photo import standing_photo
 from windmark.app.psp_pictures import cp_map, loads_picture, section_picture, taps_picture
 from windmark.app.psp_scene import psp_scene
-from windmark.app.report import Report, measured
+from windmark.app.report import Report, fixed, measured
+from windmark.app.wording import duration
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.psp import REDUCED, PointRecord, PspTest, grouped, reduced
 from windmark.pipeline.psp.outputs import FIELDS
@@ -75,12 +76,12 @@ def psp_page(test: PspTest, records: list[PointRecord], folder: Path) -> Report:
 
 
 def _points(report: Report, records: list[PointRecord]) -> None:
-    columns = ["point", "incidence °", "state", "seen °", "pictures on/off", "RMS px", "seen part", "sigma Cp",
+    columns = ["point", "incidence °", "state", "seen °", "pictures on/off", "RMS px", "seen %", "sigma Cp",
                "dominated by", "s"]  # fmt: skip
     rows = [
-        [r.name, r.alpha_deg, r.status, r.alpha_seen_deg, f"{r.pictures_used[0]}/{r.pictures_used[1]}", r.rms_px,
-         r.seen, measured(r.median_sigma_cp, r.median_sigma_cp)[1], _causes(r, "Cp"),
-         float(sum(r.seconds.values()))] for r in records
+        [r.name, r.alpha_deg, r.status, fixed(r.alpha_seen_deg, 3), f"{r.pictures_used[0]}/{r.pictures_used[1]}",
+         r.rms_px, fixed(100 * r.seen, 1), measured(r.median_sigma_cp, r.median_sigma_cp)[1], _causes(r, "Cp"),
+         duration(sum(r.seconds.values()))] for r in records
     ]  # fmt: skip
     report.table(columns, rows, scroll=len(records) > 15)
     for r in records:

@@ -14,7 +14,7 @@ import windmark
 from windmark import io
 from windmark.app.calibrate_report import add_camera, add_errors, add_residuals, add_space
 from windmark.app.epipolar_pictures import pair_picture, views_picture
-from windmark.app.pictures import matching_picture, png
+from windmark.app.marked_photo import SERIES, marked_photo
 from windmark.app.report import Report
 from windmark.pipeline.calibrate import MatchOptions, Picture
 from windmark.pipeline.calibrate.outputs import datum_words, sigma_rms
@@ -152,13 +152,13 @@ def _primaries(report: Report, result: Reconstruction, shown: Shown) -> None:
         report.text(words)
     for words in primary_sigma_words(shown.primary, unit):
         report.text(words[0].upper() + words[1:] + ".")
-    report.table(
-        ["marker", f"dx, {unit}", "dy", "dz", "distance", "1 sigma x of the table", "y", "z"],
-        [
-            (name, *(f"{v:+z.4f}" for v in d), f"{np.linalg.norm(d):.4f}", *map(float, s))
-            for name, d, s in zip(known.name, known.difference, known.sigma, strict=True)
-        ],
-    )
+    head = ["marker", f"dx, {unit}", "dy", "dz", "distance"]
+    head += ["1 sigma x of the table", "y", "z"] if np.isfinite(known.sigma).any() else []
+    rows = [
+        (name, *(f"{v:+z.4f}" for v in d), f"{np.linalg.norm(d):.4f}", *map(float, s))
+        for name, d, s in zip(known.name, known.difference, known.sigma, strict=True)
+    ]
+    report.table(head, [row[: len(head)] for row in rows])
     report.text(f"Reconstructed less given coordinates, {unit}.", "soft")
     for name in known.missing:
         report.text(f"{name} was not recognised: {result.unrecognised[name]}.", "bad")
@@ -177,15 +177,13 @@ def _tracks(report: Report, result: Reconstruction, shown: Shown) -> None:
     other = np.setdiff1d(np.flatnonzero(camera.in_image(xy)), marker)
     names = result.markers.name
     image = read_image(shown.paths[best], shown.match)[0]
+    at = spots.xy[result.tracks.detection[mine]]
     report.heading("Which spot is which marker")
-    report.picture(
-        png(matching_picture(
-            image, spots, result.tracks.detection[mine], names[marker].tolist(), xy[marker], xy[other],
-            names[other].tolist(), best,
-        ), dpi=88),
-        "The picture with the most markers. Diamonds: markers that other pictures have; here they are hidden, "
-        "or were not found.",
-    )  # fmt: skip
+    report.raw(marked_photo(
+        image, at, xy[marker] - at, names[marker].tolist(),
+        f"{best}, the picture with the most markers. Diamonds: markers that other pictures have; here they are hidden, "
+        "or were not found.", SERIES, missing=(xy[other], names[other].tolist()),
+    ))  # fmt: skip
 
 
 def _pair(report: Report, pair: PairLines, shown: Shown, place: Path) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from windmark.app import web
 from windmark.app.alone import alone
 from windmark.app.packing import packed_text
-from windmark.app.wording import named, setting
+from windmark.app.wording import duration, named, setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,10 +26,18 @@ if TYPE_CHECKING:
 
 LARGE_PNG = 60_000
 """A picture of more bytes is put in as WebP: a quarter of the size, and no difference to be seen."""
+LONGEST = 32
+"""Letters of a cell of a table that is never broken into lines."""
+ONE_SIZE = 10.0
+"""Numbers that differ by no more than this factor have the same number of decimals in a column."""
 PACKED_ID = "part"
 HINT = "drag: turn · shift or right button: move · click, then wheel: zoom · arrows, + −, 0 · double click: home"
 FALLBACK = "The 3D view needs JavaScript and WebGL2. All figures are in the tables."
 _SCENE = '<figure class="wm-figure">'
+_STYLES = {
+    (False, False): "", (True, False): ' class="text"', (False, True): ' class="long"',
+    (True, True): ' class="text long"',
+}  # fmt: skip
 _FIGURE = re.compile(r"[-+−<≤>≥≈]?\s*[\d.,][\d.,eE+\-−±×/() ]*%?")
 """Text that is a number, its error or a part."""
 
@@ -79,6 +87,11 @@ class Report:
         said = escape(self.told(text))
         self.parts.append(f'<p class="{style}">{said}</p>' if style else f"<p>{said}</p>")
 
+    def listed(self, head: str, items: Iterable[str], style: str = "") -> None:
+        """Sentences under one another, below what is said of all of them."""
+        points = "".join(f"<li>{escape(self.told(item))}</li>" for item in items)
+        self.raw(f'<div class="{style}"><p>{escape(head)}</p><ul>{points}</ul></div>')
+
     def told(self, text: str) -> str:
         """Without private paths, see `private_paths.told`."""
         from windmark.pipeline.private_paths import told
@@ -93,7 +106,8 @@ class Report:
         content = [[self._cell(v) for v in row] for row in rows]
         words = [_of_words(column) for column in zip(*content, strict=True)] or [False] * len(columns)
         head = _row("th", columns, words)
-        body = "".join(f"<tr>{_row('td', map(cell, row), words)}</tr>" for row in content)
+        texts = zip(*map(_column, zip(*content, strict=True)), strict=True)
+        body = "".join(f"<tr>{_row('td', row, words)}</tr>" for row in texts)
         table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
         self.parts.append(f'<div class="scroll">{table}</div>' if scroll else table)
 
@@ -174,7 +188,7 @@ class Report:
         self.table(["file", "content"], files)
         self.heading("Options and times")
         self.table(["option", "value"], [(named(k), setting(v)) for k, v in options.items()])
-        self.table(["stage", "s"], list(seconds.items()))
+        self.table(["stage", "s"], [(stage, duration(s)) for stage, s in seconds.items()])
         self.side_by_side(2)
 
     def html(self, style: str = "", script: str = "") -> str:
@@ -203,8 +217,26 @@ def _smaller(png: bytes) -> tuple[str, bytes]:
 
 
 def _row(tag: str, texts: Iterable[str], words: Sequence[bool]) -> str:
-    styles = (' class="text"' if text else "" for text in words)
-    return "".join(f"<{tag}{style}>{escape(text)}</{tag}>" for text, style in zip(texts, styles, strict=True))
+    return "".join(
+        f"<{tag}{_STYLES[of_words, tag == 'td' and len(text) > LONGEST]}>{escape(text)}</{tag}>"
+        for text, of_words in zip(texts, words, strict=True)
+    )
+
+
+def _column(values: Sequence[Any]) -> list[str]:
+    """The texts of a column; one of nothing but numbers ends at the same decimal where they are of one size."""
+    texts = [cell(v) for v in values]
+    known = [(k, v) for k, v in enumerate(values) if v is not None]
+    if not all(isinstance(v, float) for _, v in known):
+        return texts
+    numbers = [k for k, v in known if math.isfinite(v) and "e" not in texts[k]]
+    sizes = [abs(values[k]) for k in numbers if values[k] != 0.0]
+    if not sizes or max(sizes) > ONE_SIZE * min(sizes):
+        return texts
+    decimals = max(len(texts[k].partition(".")[2]) for k in numbers)
+    for k in numbers:
+        texts[k] = f"{values[k]:z.{decimals}f}"
+    return texts
 
 
 def _of_words(column: Sequence[Any]) -> bool:
@@ -226,6 +258,11 @@ def measured(value: float, sigma: float, sign: str = "") -> tuple[str, str]:
         return "–", "–"
     digits = earned_decimals([sigma])
     return f"{value:{sign}z.{digits}f}", f"{sigma:.{digits}f}" if sigma > 0 else "–"
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A number with so many decimals, a dash where there is none."""
+    return f"{value:z.{decimals}f}" if math.isfinite(value) else "–"
 
 
 def measured_rows(values: Iterable[Iterable[float]], sigmas: Iterable[Iterable[float]]) -> list[tuple[str, ...]]:

@@ -24,6 +24,9 @@ from windmark.scene import MarkerSet
 LINES_PER_BLOCK = 16
 """Grid lines each way of a block that are drawn over a picture."""
 
+LEAST_SHOWN = 3
+"""Places with a value that a line of a cut needs to be drawn: fewer are not to be seen."""
+
 NODE_STATES = {
     "visible": "seen, with a value",
     "blanked": "not part of the surface (blanked, or in no volume of the job)",
@@ -114,7 +117,7 @@ def _registration(
             "soft",
         )
     if answer.unchecked:
-        report.text(f"This picture cannot tell: {'; '.join(u.words for u in answer.unchecked)}.", "soft")
+        report.listed("This picture cannot tell:", (u.words for u in answer.unchecked), "soft")
     if not len(answer.matching):
         return
     names, projected, residual = figures.matched(item, markers)
@@ -135,7 +138,7 @@ def _registration(
     with report.part(f"{item.name}: pixels of the spots"):
         worst = np.argsort(-size, kind="stable")[: room.tiles]
         report.raw(tiles(shown, xy[worst], projected[worst], [names[k] for k in worst],
-                         [f"{g2(size[k])} px" for k in worst]))  # fmt: skip
+                         [f"{size[k]:.3f} px" for k in worst]))  # fmt: skip
         report.text("The spots with the largest residuals, pixel by pixel: green cross the spot's centre, yellow cross "
                     "where the marker is expected.", "soft")  # fmt: skip
 
@@ -158,7 +161,7 @@ def section_chart(section: SectionValues, unit: str, label: str) -> str:
     along = int(np.argmax(np.ptp(section.xyz, axis=0)))
     x, value = section.xyz[:, along], section.value.astype(float)
     good = np.isfinite(value)
-    lines = [k for k in np.unique(section.line) if good[section.line == k].any()]
+    lines = [k for k in np.unique(section.line) if good[section.line == k].sum() >= LEAST_SHOWN]
     shown = value[good] if good.any() else np.array([0.0, 1.0])
     margin = 0.04 * float(np.ptp(shown))
     chart = Chart((float(x.min()), float(x.max())), (float(shown.min()) - margin, float(shown.max()) + margin),

@@ -19,6 +19,7 @@ from windmark.app.provenance import Provenance
 from windmark.app.report import Report
 from windmark.app.run_images import image_part
 from windmark.app.run_scene import run_scene
+from windmark.app.wording import duration, power_of_ten
 from windmark.errors import g2
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.results import ImageResult, RunResult
@@ -26,6 +27,9 @@ from windmark.pipeline.truth import Comparison
 
 OPEN_IMAGES = 12
 """Images that a report shows at once; of more each part is packed until it is opened."""
+
+NO_TIME_S = 0.005
+"""A stage that took less in every image is not in the table of times."""
 
 FILES = (
     ("detections.csv", "every spot: centre, sigma, merit, radius"),
@@ -59,8 +63,7 @@ def run_report(
     if truth is not None:
         _truth(report, truth)
     report.heading("In 3D")
-    report.scene("3D view", lambda: run_scene(result, order), "The model with its values, cameras and markers; "
-                 "grey: no value. Under the cursor: values with their sigma, names, residuals.")  # fmt: skip
+    report.scene("3D view", lambda: run_scene(result, order), _scene_words(result))
     _views(report, result)
     _images(report, order, result, many)
     for group in result.merged:
@@ -72,6 +75,14 @@ def run_report(
     report.table(["file", "content"], _files(result))
     report.provenance(Provenance.of_project(project, sources or {}))
     return report
+
+
+def _scene_words(result: RunResult) -> str:
+    """What there is to be seen in 3D."""
+    if result.mesh is None or not any(item.values is not None for item in result.images):
+        return "Cameras and markers. Under the cursor: names and places."
+    return ("The model with its values, cameras and markers; grey: no value. Under the cursor: values with their "
+            "sigma, names, residuals.")  # fmt: skip
 
 
 def _files(result: RunResult) -> list[tuple[str, str]]:
@@ -155,20 +166,19 @@ def overview(report: Report, result: RunResult) -> None:
             item.name,
             None if item.detections is None else len(item.detections),
             None if answer is None else len(answer.matching),
-            None if answer is None or not len(answer.matching) else f"{g2(answer.rms_px)}",
-            None if answer is None else f"10^{answer.log10_nfa:.0f}",
+            None if answer is None or not len(answer.matching) else float(g2(answer.rms_px)),
+            None if answer is None else power_of_ten(answer.log10_nfa),
             None if item.values is None else int(np.isfinite(item.values).sum()),
-            sum(item.seconds.values()),
+            duration(sum(item.seconds.values())),
             item.problem or "done",
         ))  # fmt: skip
-    report.table(
-        ["image", "spots", "markers matched", "RMS px", "false-alarm number", "nodes with value", "time s", "status"],
-        rows, scroll=len(rows) > OPEN_IMAGES,
-    )  # fmt: skip
+    head = ["image", "spots", "markers matched", "RMS px", "false-alarm number", "nodes with value", "time s", "status"]
+    told = [k for k in range(len(head)) if not rows or any(row[k] is not None for row in rows)]
+    report.table([head[k] for k in told], [[row[k] for k in told] for row in rows], scroll=len(rows) > OPEN_IMAGES)
     if any(item.registered is not None for item in result.images):
         report.text(
             "RMS is the root mean square length of the residual vector (2-D). The false-alarm number is how many wrong"
-            " poses this good one would expect from chance alone in this image: 10^-9 and below is accepted.",
+            " poses this good one would expect from chance alone in this image: 10⁻⁹ and below is accepted.",
             "soft",
         )
     for item in result.failed:
@@ -189,8 +199,8 @@ def _views(report: Report, result: RunResult) -> None:
         pov = view.cam_from_model.to_pov(view.camera.focal_px, view.camera.size_px[0])
         rows.append((
             view.name, "{} × {}".format(*view.camera.size_px), f"{view.units_per_px:.5g}",
-            ", ".join(f"{round(v, 4) + 0.0:.4f}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg)),
-            ", ".join(f"{round(v, 4) + 0.0:.4f}" for v in (pov.dx, pov.dy, pov.dz)), f"{pov.fov_deg:.4g}", view.how,
+            ", ".join(f"{round(v, 4) + 0.0:.10g}" for v in (pov.rx_deg, pov.ry_deg, pov.rz_deg)),
+            ", ".join(f"{round(v, 4) + 0.0:.10g}" for v in (pov.dx, pov.dy, pov.dz)), f"{pov.fov_deg:.4g}", view.how,
         ))  # fmt: skip
     report.table(
         ["view", "size px", f"{unit} per px", "rx, ry, rz deg", f"dx, dy, dz {unit}", "fov deg", "point of view"], rows
@@ -206,9 +216,13 @@ def _truth(report: Report, truth: Comparison) -> None:
 
 def _times(report: Report, result: RunResult, seconds: dict[str, float]) -> None:
     report.heading("Times")
-    stages = list(dict.fromkeys(stage for item in result.images for stage in item.seconds))
+    stages = [
+        stage for stage in dict.fromkeys(stage for item in result.images for stage in item.seconds)
+        if any(item.seconds.get(stage, 0.0) >= NO_TIME_S for item in result.images)
+    ]  # fmt: skip
     if result.images:
         report.table(["image", *(f"{stage}, s" for stage in stages)],
-                     [(item.name, *(item.seconds.get(stage) for stage in stages)) for item in result.images],
+                     [(item.name, *(duration(item.seconds.get(stage)) for stage in stages)) for item in result.images],
                      scroll=len(result.images) > OPEN_IMAGES)  # fmt: skip
-    report.table(["stage of the whole job", "s"], [*result.seconds.items(), *seconds.items()])
+    whole = (*result.seconds.items(), *seconds.items())
+    report.table(["stage of the whole job", "s"], [(stage, duration(s)) for stage, s in whole])

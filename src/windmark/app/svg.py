@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LINE_COLOURS = ("#1f77b4", "#e07b00", "#2a9d3a", "#c2185b", "#7e57c2", "#00838f", "#8d6e63", "#6b7a00")
+LETTER, WIDE_LETTER = 7.2, 11.0
+"""Widths of letters in pixels of a chart."""
 MOST_POINTS = 1500
 """Points of a curve that are drawn: more than there are pixels."""
 
@@ -69,18 +71,26 @@ class Chart:
 
     def dots(self, x: Array, y: Array, notes: Sequence[str], names: Sequence[str] = ()) -> None:
         """Dots that say what they are under the cursor; ``names`` are written beside them where there is room."""
-        u, v = self.at(x, y)
-        taken: list[tuple[float, float, float, float]] = []
-        for k, (a, b) in enumerate(zip(u.tolist(), v.tolist(), strict=True)):
+        u, v = (part.tolist() for part in self.at(x, y))
+        taken = [(a - 3, b - 3, a + 3, b + 3) for a, b in zip(u, v, strict=True)]
+        for k, (a, b) in enumerate(zip(u, v, strict=True)):
             self.parts.append(f'<circle class="dot" cx="{a:.1f}" cy="{b:.1f}" r="3.5"><title>{escape(notes[k])}</title>'
                               "</circle>")  # fmt: skip
             if k < len(names):
-                box = (a + 5, b - 13, a + 7 + 6.4 * len(names[k]), b - 2)
-                inside = box[2] < self.size[0] - self.right
-                if inside and not any(o[0] < box[2] and box[0] < o[2] and o[1] < box[3] and box[1] < o[3]
-                                      for o in taken):  # fmt: skip
-                    taken.append(box)
-                    self.parts.append(f'<text x="{a + 5:.1f}" y="{b - 4:.1f}">{escape(names[k])}</text>')
+                self._name(a, b, names[k], taken)
+
+    def _name(self, a: float, b: float, name: str, taken: list[tuple[float, float, float, float]]) -> None:
+        """A name at one of the four corners of a dot: the first where it lies over no other name or dot, else none."""
+        wide = sum(WIDE_LETTER if letter in "mwMW" else LETTER for letter in name)
+        for right, above in ((True, True), (True, False), (False, True), (False, False)):
+            left, top = a + 5 if right else a - 5 - wide, b - 13 if above else b + 2
+            box = (left, top, left + wide, top + 11)
+            inside = self.left < box[0] and box[2] < self.size[0] - self.right
+            inside &= self.top < box[1] and box[3] < self.size[1] - self.bottom
+            if inside and not any(o[0] < box[2] and box[0] < o[2] and o[1] < box[3] and box[1] < o[3] for o in taken):
+                taken.append(box)
+                self.parts.append(f'<text x="{left:.1f}" y="{top + 9:.1f}">{escape(name)}</text>')
+                return
 
     def circle(self, radius: float) -> None:
         """A circle round the origin, for axes of equal scale."""

@@ -36,10 +36,10 @@ def motion_picture(rows: list[PoseRow], unit: str) -> Figure:
             axes.fill_between(
                 instant, change[:, k] - sigma[:, k], change[:, k] + sigma[:, k], color=colour, alpha=0.25, lw=0
             )
-        start = ", ".join(f"{POV[k].removesuffix('_deg')} {first[k]:.5g}" for k in range(6)[part])
+        start = ", ".join(f"{POV[k].removesuffix('_deg')} {first[k]:z.3f}" for k in range(6)[part])
         axes.set(ylabel=f"change of {what}")
         if good.any():
-            axes.set_title(f"first pose: {start}", fontsize=9, loc="left")
+            axes.set_title(f"first pose: {start} {what.rpartition(' ')[2]}", fontsize=9, loc="left")
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8, frameon=False)
     counts.step(instant, [row.expected for row in rows], where="mid", color="0.6", lw=1.0, label="expected")
     counts.step(instant, [row.matched for row in rows], where="mid", color=COLOURS[0], lw=1.4, label="matched")

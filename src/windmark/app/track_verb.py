@@ -174,8 +174,7 @@ def _page(
         "markers were looked for near their predicted places only."
     )
     if record["unchecked"]:
-        words = "; ".join(u["words"] for u in record["unchecked"])
-        report.text(f"The images cannot tell: {words}.", "soft")
+        report.listed("The images cannot tell:", (u["words"] for u in record["unchecked"]), "soft")
     for row in rows:
         if row.status == "lost":
             report.text(f"{row.name}: {row.reason}", "bad")
@@ -237,7 +236,7 @@ def _lines(rows: list[PoseRow]) -> list[str]:
     """Counts, and one line for every image that was not simply tracked."""
     count: Callable[[str], int] = [row.status for row in rows].count
     said = [f"{count(key)} {words}" for key, words in WORDS.items() if count(key)]
-    lines = [f"{len(rows)} images: {', '.join(said)}"]
+    lines = [f"{len(rows)} image{'s' * (len(rows) != 1)}: {', '.join(said)}"]
     lines.extend(f"  {row.name}: {row.status}: {row.reason}" for row in rows if row.reason)
     good = [row for row in rows if row.cam_from_model is not None]
     if good:

@@ -129,7 +129,7 @@ def image_line(item: ImageResult, result: RunResult) -> str:
         rms = f" RMS {answer.rms_px:.3f} px," if len(answer.matching) else ""
         parts.append(
             f"{len(answer.matching)} of {len(item.detections or ())} spots are markers,{rms}"
-            f" log10(NFA) {answer.log10_nfa:.0f}"
+            f" false-alarm number 10^{answer.log10_nfa:.0f}"
         )
         parts.extend(_together_words(item, answer))
         if answer.excess_px > 0.0:

@@ -25,6 +25,16 @@ def named(name: str) -> str:
     return f"{said}, {unit}" if unit else said
 
 
+def power_of_ten(exponent: float) -> str:
+    """A power of ten as it is written by hand: ``-134`` is 10⁻¹³⁴."""
+    return "10" + f"{exponent:z.0f}".translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds as a table of times has them: hundredths tell which stage took how long."""
+    return "–" if seconds is None else f"{seconds:.2f}"
+
+
 def setting(value: Any) -> str:
     """The value of a setting; nothing given is a dash."""
     if value is None or (isinstance(value, str | list | tuple | dict) and not value):

@@ -106,7 +106,8 @@ def refuse_target(source: Path, kind: str, target: Path) -> None:
     suffix = target.suffix.lower() or "(no extension)"
     if suffix not in suffixes and not (kind == "pictures" and target.is_dir()):
         known = ", ".join(suffixes)
-        raise UsageError(f"{source}: is {WORDS[kind]}; the target's path must end in one of {known}, got {target}")
+        verb = "holds" if kind == "pictures" else "is"
+        raise UsageError(f"{source}: {verb} {WORDS[kind]}; the target's path must end in one of {known}, got {target}")
 
 
 def _guess(source: Path) -> Guess:

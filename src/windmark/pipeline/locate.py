@@ -57,7 +57,8 @@ def locate(entry: ImageEntry, inputs: Inputs, progress: Progress) -> ImageResult
     try:
         if result.problem is None and source.pose == "known":
             if pose is None:
-                raise io.FileError(source.file, 'has no pose; expected one, or pose = "find"')
+                raise io.FileError(source.file, "has no pose; expected one: windmark register finds it "
+                                   '(in a project: pose = "find")')  # fmt: skip
             result = replace(result, cam_from_model=pose, pose_cov=inputs.cameras[source.name].pose_cov)
             result = _looked_at(result, pose, inputs, clock)
         elif result.problem is None:

@@ -8,7 +8,7 @@ import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from unicodedata import normalize
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -30,6 +30,8 @@ _TEXTS = {"path_type": "a path, as text in quotes", "string_type": "text in quot
 _OF_A_TYPE = re.compile(r"\[|^constrained-|^(int|float|str|bool|path|literal)$")
 """Of alternative types pydantic puts the type into the place of an error; it is no key."""
 COMMAND_LINE = "command line"
+OPTIONS = {"length_unit": "--unit"}
+"""Keys of a project that are options of a command."""
 """Name of the project file where settings come from the command line."""
 
 
@@ -82,6 +84,15 @@ def read_settings(path: Path) -> dict[str, Any]:
 def explained(path: Path, error: ValidationError, root: type[BaseModel]) -> FileError:
     """The first thing that is wrong, in words: key, what came, what was expected."""
     key, words = explanation(error.errors()[0], root)
+    return _fault(path, words, key)
+
+
+def _fault(path: Path, words: str, key: str | None) -> FileError:
+    """What is wrong with a setting; of the command line by its option, for nobody has written that key."""
+    if path.name == COMMAND_LINE and key is not None:
+        if key in OPTIONS:
+            return FileError(OPTIONS[key], words)
+        key = None if key.endswith(".file") else key
     return FileError(path, words, key)
 
 
@@ -94,7 +105,7 @@ def explanation(one: Mapping[str, Any], root: type[BaseModel]) -> tuple[str | No
         model = _model_at(root, keys[:-1])
         return key, f"unknown key{nearest(keys[-1], _keys_of(model))}; expected {known_keys(model)}"
     if one["type"] == "missing":
-        return key, "is missing"
+        return key, f"is missing{_choices(_model_at(root, keys[:-1]), keys[-1])}"
     if one["type"] == "value_error":
         return key, str(one["ctx"]["error"])
     if "words" in one.get("ctx", {}):  # of `faults`
@@ -137,7 +148,7 @@ def existing(settings: Path, key: str, relative: Path) -> Path:
         full = (settings.parent / relative).resolve()
         is_there = full.is_file()
     if not is_there:
-        raise FileError(settings, f"there is no file {full}; expected an existing file", key)
+        raise _fault(settings, f"there is no file {full}; expected an existing file", key)
     return full
 
 
@@ -150,7 +161,7 @@ def _naming(settings: Path, key: str) -> Iterator[None]:
         raise
     except (OSError, ValueError, RuntimeError) as error:
         why = reason(error) if isinstance(error, OSError) else str(error)
-        raise FileError(settings, f"{why}; expected the path of an existing file", key) from error
+        raise _fault(settings, f"{why}; expected the path of an existing file", key) from error
 
 
 def result_place(settings: Path, folder: Path) -> Path:
@@ -181,7 +192,7 @@ def existing_picture(settings: Path, key: str, relative: Path) -> Path:
         full = address.file.resolve()
         is_there = full.is_file() or (full.is_dir() and address.number is not None)
     if not is_there:
-        raise FileError(settings, f"there is no file {full}; expected an existing file", key)
+        raise _fault(settings, f"there is no file {full}; expected an existing file", key)
     return Path(FrameAddress(full, address.dataset, address.number).text)
 
 
@@ -220,6 +231,15 @@ def _keys_of(model: type[BaseModel]) -> list[str]:
 def known_keys(model: type[BaseModel]) -> str:
     """The keys of a table, in words."""
     return f"one of {', '.join(_keys_of(model))}"
+
+
+def _choices(model: type[BaseModel], name: str) -> str:
+    """"; expected in, ft, mm, cm or m" of a setting that is one of a few words; "" of others."""
+    field = next((f for n, f in model.model_fields.items() if name in (n, f.alias)), None)
+    if field is None or get_origin(field.annotation) is not Literal:
+        return ""
+    *words, last = map(str, get_args(field.annotation))
+    return f"; expected {', '.join(words)} or {last}" if words else ""
 
 
 def _model_at(root: type[BaseModel], keys: list[str]) -> type[BaseModel]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import g2, g3
+from windmark.errors import g2
 from windmark.geometry import Pose
 from windmark.geometry.rotations import hat
 
@@ -60,10 +60,10 @@ class WeakDirection:
             if motion.startswith("rotation"):
                 parts.append(f"{motion}: {g2(np.degrees(sigma))} deg (1 sigma)")
             elif motion == "focal length":
-                parts.append(f"{motion}: {g3(sigma)} px (1 sigma), {g2(100 * relative)} %")
+                parts.append(f"{motion}: {g2(sigma)} px (1 sigma), {g2(100 * relative)} %")
             else:
-                parts.append(f"{motion}: {g3(sigma)} {unit} (1 sigma), {g2(100 * relative)} % of the distance")
-        return " together with ".join(parts)
+                parts.append(f"{motion}: {g2(sigma)} {unit} (1 sigma), {g2(100 * relative)} % of the distance")
+        return ", together with ".join(parts)
 
 
 def weak_directions(cam_from_model: Pose, focal_px: float, cov: Array, xyz: Array) -> tuple[WeakDirection, ...]:

@@ -15,10 +15,46 @@ WM.start = async (node) => {
   }
 };
 
+// Names over a picture are never smaller than LEAST pixels of the screen; those that would then lie over others wait for the zoom.
+WM.LEAST = 9;
+WM.legible = (frame) => {
+  const drawn = frame.querySelector('svg');
+  const names = drawn ? [...drawn.querySelectorAll('text')] : [];
+  if (!names.length) return;
+  const given = parseFloat(frame.style.getPropertyValue('--name'));
+  const crowded = new Set(names.filter((name) => name.classList.contains('crowded')));
+  let before = 0;
+  new ResizeObserver(() => {
+    const width = frame.clientWidth;
+    if (!width || width === before) return;
+    before = width;
+    const least = (WM.LEAST * drawn.viewBox.baseVal.width) / width;
+    frame.style.setProperty('--least', `${least}px`);
+    const grown = Math.max(least / given, 1);
+    const taken = [];
+    for (const name of names) {
+      const hidden = crowded.has(name) || (grown > 1 && !WM.room(name, given * grown, taken));
+      name.classList.toggle('crowded', hidden);
+    }
+  }).observe(frame);
+};
+
+// Whether a name of such a size lies over none of those before it.
+WM.room = (name, size, taken) => {
+  const wide = 0.8 * size * name.textContent.length;
+  const [x, y] = [Number(name.getAttribute('x')), Number(name.getAttribute('y'))];
+  const left = name.getAttribute('text-anchor') === 'end' ? x - wide : x;
+  const box = [left, y - 0.8 * size, left + wide, y + 0.2 * size];
+  if (taken.some((o) => o[0] < box[2] && box[0] < o[2] && o[1] < box[3] && box[1] < o[3])) return false;
+  taken.push(box);
+  return true;
+};
+
 // Wheel and buttons zoom into a picture, down to its pixels; dragging moves it; a double click shows all of it.
 WM.zoomable = (frame) => {
   const inner = frame.firstElementChild;
   const state = { x: 0, y: 0, zoom: 1 };
+  WM.legible(frame);
   const apply = () => {
     const [w, h] = [frame.clientWidth, frame.clientHeight];
     state.zoom = Math.min(Math.max(state.zoom, 1), 64);

@@ -248,9 +248,11 @@ WM.Scene = class {
     const ends = [0, 1, 2].map((a) => ({ name: 'xyz'[a], x: 20 * right[a], y: -20 * up[a], far: ahead[a] }));
     ends.sort((a, b) => b.far - a.far);
     this.axes.replaceChildren(...ends.flatMap(({ name, x, y }) => {
+      const line = WM.svg('line', { x2: x, y2: y, class: `wm-axis-${name}` });
+      if (Math.hypot(x, y) < 9) return [line]; // it points to or from the reader: its name would lie on another one
       const text = WM.svg('text', { x: 1.35 * x, y: 1.35 * y + 3.5 });
       text.textContent = name;
-      return [WM.svg('line', { x2: x, y2: y, class: `wm-axis-${name}` }), text];
+      return [line, text];
     }));
   }
 
@@ -262,7 +264,9 @@ WM.Scene = class {
     const put = (p, name, kind) => {
       const at = WM.onScreen(this.matrix, p, width, height);
       if (!at || at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height) return;
-      const box = [at[0] + 6, at[1] - 14, at[0] + 8 + 7 * name.length, at[1]];
+      const wide = 2 + 7 * name.length;
+      const left = at[0] + 6 + wide > width ? at[0] - 6 - wide : at[0] + 6;
+      const box = [left, at[1] - 14, left + wide, at[1]];
       if (taken.some((b) => b[0] < box[2] && box[0] < b[2] && b[1] < box[3] && box[1] < b[3])) return;
       taken.push(box);
       out.push(WM.element('span', { class: kind, style: `left:${box[0]}px;top:${box[1]}px` }, name));

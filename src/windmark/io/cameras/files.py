@@ -32,6 +32,13 @@ _EXTENSIONS = {
     ".json": "windmark", ".yml": "opencv", ".yaml": "opencv", ".cameramodel": "mrcal", ".xml": "metashape",
     ".txt": "australis", "": "colmap",
 }  # fmt: skip
+OTHERS = {
+    **dict.fromkeys((".csv", ".tgts"), "a table"),
+    **dict.fromkeys((".grid", ".x", ".xyz", ".stl", ".obj", ".ply", ".vtk", ".vtp", ".vtu"), "a surface grid"),
+    **dict.fromkeys((".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp"), "a picture"),
+    ".toml": "a project",
+}
+"""What a file that is no camera is, by the end of its name."""
 _WITHOUT_POSE = ("metashape", "australis")
 _COMMENT = re.compile(r"^[ \t]*//.*$", re.MULTILINE)
 """OpenCV puts comment lines into its JSON. No JSON text can span lines, so these are comments indeed."""
@@ -88,6 +95,17 @@ def read_camera_file(path: Pathlike, *, size_px: tuple[int, int] | None = None, 
             what = f"a folder without {colmap.CAMERAS}; expected a camera file or COLMAP's model as text"
             raise FileError(path, f"{what} (binary models: colmap model_converter --output_type TXT)")
         return colmap.choose(path, colmap.read_colmap(path), which)
+    try:
+        return _of_text(path, size_px, which)
+    except FileError as error:
+        other = OTHERS.get(Path(path).suffix.lower())
+        if other is None or not Path(path).is_file():
+            raise
+        raise FileError(path, f"is {other}, by its name; expected a camera file") from error
+
+
+def _of_text(path: Pathlike, size_px: tuple[int, int] | None, which: str | None) -> CameraFile:
+    """A camera file that is no folder."""
     text = read_text(path)
     if colmap.is_colmap(text):
         return colmap.choose(path, colmap.read_colmap(path), which)

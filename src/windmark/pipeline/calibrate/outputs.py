@@ -176,7 +176,7 @@ def datum_words(result: Calibration) -> list[str]:
         words = [text + " table has them, with no uncertainty of their own."]
     elif isinstance(datum, Weighted):
         which = "all markers with a sigma" if datum.markers is None else _listed(datum.markers)
-        sigma = "the table's sigma" if datum.sigma is None else f"a sigma of {datum.sigma:g} per coordinate"
+        sigma = "their sigma" if datum.sigma is None else f"a sigma of {datum.sigma:g} per coordinate"
         words = [
             f"Position, direction and size come from {which}, known with {sigma}; they were adjusted with the rest."
         ]

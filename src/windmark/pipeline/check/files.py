@@ -173,7 +173,7 @@ class Files:
                 for one in some:
                     with noting(self.out, self.lines, key):
                         self._size(one, camera)
-                self.out.read.append(f"{camera or 'camera'}: {len(found)} pictures ({pattern})")
+                self.out.read.append(f"{camera or 'camera'}: {len(found)} picture{'s' * (len(found) != 1)} ({pattern})")
 
     def _size(self, path: Path, camera: str) -> None:
         if io.is_recording(path):

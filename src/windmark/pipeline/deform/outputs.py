@@ -99,7 +99,7 @@ class Writer:
     def add(
         self, frame: DeformedFrame, images: FrameImages, row: FrameRecord, mapped: Mapping[str, Array],
         points: Sequence[FramePoints] = (), *, state: Deformation | None = None, compared: bool = False,
-        handed_on: Mapping[str, Any] | None = None, pictures: Mapping[str, str] | None = None,
+        pictured: bool = False, handed_on: Mapping[str, Any] | None = None, pictures: Mapping[str, str] | None = None,
     ) -> None:  # fmt: skip
         """Write one frame.
 
@@ -109,6 +109,7 @@ class Writer:
         mapped, points : values at the grid's nodes, see `Mapper.frame`, and at points
         state : what the film keeps of it
         compared : it is the most deformed one so far
+        pictured : it is one of those whose pictures are shown
         handed_on : what it hands on to the next, see `follow_deformation`
         pictures : camera -> what tells whether its picture is still the same when the run goes on
         """
@@ -129,12 +130,15 @@ class Writer:
         for found in points:
             self._points(number, found)
         whole = all(isinstance(item, Path) for item in images.images.values())
-        most = (frame, images if whole else None) if compared else None
+        with_images = (frame, images if whole else None)
+        most, shown = with_images if compared else None, with_images if pictured else None
         assert self._journal is not None
         with interrupts_wait():  # or tables would be taken back of a frame that the journal has
             self._commit()
             sizes = {name: file.size for name, file in self._files.items()}
-            self._journal.add(Kept(row, state, most, pictures or {}, sizes, dict(self._crcs)), handed_on or {})
+            self._journal.add(
+                Kept(row, state, most, shown, pictures or {}, sizes, dict(self._crcs)), handed_on or {}
+            )
             self._rows.append(row)
             self._sizes, self._crcs_kept = sizes, dict(self._crcs)
             if self._arrived is not None:

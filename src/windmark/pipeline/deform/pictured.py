@@ -65,15 +65,16 @@ class Gallery:
     worst: Pictured | None = None
     _worst_px: float = field(default=-1.0)
 
-    def look(self, row: FrameRecord, frame: DeformedFrame, images: FrameImages, test: DeformationTest) -> None:
-        """One more instant; what it was is worked out only where it is shown."""
+    def look(self, row: FrameRecord, frame: DeformedFrame, images: FrameImages, test: DeformationTest) -> bool:
+        """One more instant, and whether it is shown now; what it was is worked out only then."""
         if frame.state is None or not (self.first is None or row.rms_px > self._worst_px):
-            return
+            return False
         one = Pictured.of(row, frame, images, test)
         if one is None:
-            return
+            return False
         self.first = self.first or one
         self.worst, self._worst_px = one, float(np.nan_to_num(row.rms_px))
+        return True
 
     def shown(self) -> list[Pictured]:
         """Both, or the one that is both."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation, SpanValues, Stations, span_values
-from windmark.errors import g2, g3
+from windmark.errors import plus_minus
 from windmark.geometry import Pose
 from windmark.geometry.rotations import log_so3
 from windmark.scene import MarkerSet
@@ -64,7 +64,7 @@ class Zero:
 
     def words(self, unit: str) -> str:
         """How far the laws have it from the table's shape. Pictures do not tell a load from the model's own weight."""
-        size = f"up to {g3(self.deformed)} ± {g2(self.deformed_sigma)} {unit} (marker {self.marker})"
+        size = f"up to {plus_minus(self.deformed, self.deformed_sigma)} {unit} (marker {self.marker})"
         if self.deformed < SURE * self.deformed_sigma:
             return f"by the laws no other shape than the table's, {size}"
         return (f"by the laws {size} from the table's shape: the model's own weight, a setting, an error of the table, "

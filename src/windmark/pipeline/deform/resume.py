@@ -32,6 +32,7 @@ class Kept:
     state : its deformation where the film keeps it
     compared : the frame itself and its pictures where it is the most deformed one so far that was mapped; the pictures
         None where they are frames of a recording
+    pictured : the same where the report shows its pictures, or did until then: see `Gallery`
     pictures : camera -> its pictures' name, size and checksum; live, name, size and date
     sizes : table -> its length in bytes
     crcs : table -> checksum of what it has
@@ -40,6 +41,7 @@ class Kept:
     row: FrameRecord
     state: Deformation | None
     compared: tuple[DeformedFrame, FrameImages | None] | None
+    pictured: tuple[DeformedFrame, FrameImages | None] | None
     pictures: Mapping[str, str]
     sizes: Mapping[str, int]
     crcs: Mapping[str, int]

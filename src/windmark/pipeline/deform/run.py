@@ -73,7 +73,7 @@ class Sequence:
     clock : the camera whose pictures are the instants; "" where pictures of one number are of one instant
     remarks : what is odd about the pictures' times
     arrivals : what became of the files that arrived -> how many
-    gallery : the instants that are shown by their pictures, of those that this run measured
+    gallery : the instants that are shown by their pictures
     """
 
     records: list[FrameRecord] = field(default_factory=list)
@@ -205,7 +205,11 @@ class _Job:
             check_pictures(folder, done, [(frame.key, pictures_of(frame)) for frame in frames[:count]])
         for kept in done:
             self.out.keep(kept.row, kept.state)
-        self._compare_again(done, {f.key: f for f in known})
+        there = {f.key: f for f in known}
+        self._compare_again(done, there)
+        for kept in done:
+            if kept.pictured is not None and (images := kept.pictured[1] or there.get(kept.key)) is not None:
+                self.out.gallery.look(kept.row, kept.pictured[0], images, self.loaded.test)
         if isinstance(frames, Watch):
             sizes = done[-1].sizes if done else stopped.sizes
             # One that had gone may be there again.
@@ -262,12 +266,12 @@ class _Job:
         compared = self.mapper is not None and self.mapper.compared is not before
         kept = frame.state if out.films(row) else None
         pictures = self.watch.prints(images) if self.watch else {} if self.live else pictures_of(images)
+        pictured = out.gallery.look(row, frame, images, loaded.test)
         writer.add(
-            frame, images, row, values, of_points, state=kept, compared=compared, handed_on=self.handed_on,
-            pictures=pictures,
+            frame, images, row, values, of_points, state=kept, compared=compared, pictured=pictured,
+            handed_on=self.handed_on, pictures=pictures,
         )  # fmt: skip
         out.keep(row, kept)
-        out.gallery.look(row, frame, images, loaded.test)
         return row
 
     def _compare_again(self, done: list[Kept], known: dict[str, FrameImages]) -> None:

@@ -9,6 +9,8 @@ from windmark.errors import g2
 from windmark.pipeline.verdict.picture import PictureState, picture_findings
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 
+WHY_NOT = "register says which marker each is; --explain, why others are none"
+
 
 @dataclass(frozen=True)
 class Looked:
@@ -20,13 +22,14 @@ class Looked:
     said: str
 
 
-def detect_verdict(found: Mapping[str, Looked], unread: Mapping[str, str]) -> Verdict:
+def detect_verdict(found: Mapping[str, Looked], unread: Mapping[str, str], shown: bool = False) -> Verdict:
     """Judge detections.
 
     Parameters
     ----------
     found : by picture
     unread : pictures that could not be read, and why
+    shown : whether a picture or a page of them was asked for
     """
     out = [Finding(BAD, "file", why, "read the reason; export the picture again", name) for name, why in unread.items()]
     for name, one in found.items():
@@ -37,7 +40,7 @@ def detect_verdict(found: Mapping[str, Looked], unread: Mapping[str, str]) -> Ve
     typical = f", typically known to {g2(sigma[len(sigma) // 2])} px" if sigma else ""
     return Verdict.of(
         out, pictures, f"{number} spots in {where}{typical}",
-        "look at them (--report or --picture); --explain says why others are none", what="pictures",
+        f"look at them{'' if shown else ' (--report or --picture)'}; {WHY_NOT}", what="pictures",
     )  # fmt: skip
 
 

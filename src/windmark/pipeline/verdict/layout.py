@@ -8,7 +8,7 @@ from windmark.tasks.marker_check import MarkerCheck
 
 _OF_TABLE = {
     "close": ("marker", "take one of them out of the table, or move it"),
-    "unseen": ("missing", "check its place and normal, or give the region that the camera is in (--view-from)"),
+    "unseen": ("missing", "check places and normals, or give the region that the camera is in (--view-from)"),
     "few": ("few", "paint more markers"),
     "few-in-sight": ("few", "paint more markers on that side"),
 }

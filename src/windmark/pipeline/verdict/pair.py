@@ -36,7 +36,7 @@ def pair_verdict(
     left = f"; {gone} wrong click{'s' if gone > 1 else ''} left out" if gone else ""
     return Verdict.of(
         found, 1, f"{count} matches are {g2(rms)} px RMS from their epipolar lines{left}",
-        "look at report.html; labels.csv is for windmark reconstruct --labels",
+        "see that each line meets its marker in both pictures; labels.csv is for windmark reconstruct --labels",
     )  # fmt: skip
 
 

@@ -68,6 +68,10 @@ TEMPERATURE = 0.02
 """1 sigma of a temperature as part of it (6 K at 300 K), from which a map tells little."""
 BOUND_TIMES = 2.0
 """Errors of centres over the least that pictures allow, from which three quarters of their square are the method's."""
+STUDY_REST_PX = 0.02
+"""Errors of virtual markers beyond the bound that no noise explains: 11 x 11 sub-pixels leave 0.002 to 0.005 px, edges
+without blur 0.003 to 0.012 px (radii of 1.5 to 8 px); with 33 x 33 sub-pixels and blur the template is within 1.2 times
+the bound."""
 LEFT_OUT_TIMES = 3.0
 """RMS of what is left out of a fit over that of what is in it, from which it follows single rows."""
 BEYOND = 0.1

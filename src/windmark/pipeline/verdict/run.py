@@ -84,8 +84,15 @@ def _good(result: RunResult) -> tuple[str, str]:
     return (
         f"{what} registered with {fewest} markers{' or more' if len(answers) > 1 else ''}, "
         f"{what_is_left(worst, beyond)}",
-        "use the values; the report says what these pictures could not check",
+        f"use {_use(result)}; the report says what these pictures could not check",
     )
+
+
+def _use(result: RunResult) -> str:
+    """What can be used of a good result."""
+    if any(item.values is not None for item in result.images):
+        return "the values"
+    return "the pose in camera.json" if len(result.images) == 1 else "the poses in camera.json"
 
 
 def _beyond(item: ImageResult) -> float:

@@ -11,6 +11,12 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 
 Record = Mapping[str, Any]
+BEST = "template"
+"""The refinement that reaches the bound where noise is what limits."""
+REST = (
+    "noise so small is no longer what limits; the rest is the 11 x 11 sub-pixels of virtual markers and, without blur, "
+    "the method"
+)
 
 
 def study_verdict(summary: Sequence[Record]) -> Verdict:
@@ -21,10 +27,11 @@ def study_verdict(summary: Sequence[Record]) -> Verdict:
         some = [row for row in rows if row["missed"] < row["markers"]]
         row = min(some or rows, key=lambda row: (row["missed"] > rules.MISSING * row["markers"], row["two_rms_px"]))
         best.append(row)
-        found += [f.at(f"radius {r0:g} px") for f in _row(row)]
+        found += [f.at(f"radius {r0:g} px") for f in _row(row, {row["method"] for row in rows})]
     worst = max(best, key=lambda row: row["two_rms_px"])
     times = worst["rms_over_crlb"]
-    bound = f", {g2(times)} times the least that pictures allow" if math.isfinite(times) else ""
+    bound = f", {times:.2f} times the least that pictures allow" if math.isfinite(times) else ""
+    bound += f": {REST}" if times > rules.BOUND_TIMES else ""
     return Verdict.of(
         found, len(best), f"centres are known to {g2(worst['two_rms_px'] / 2)} px (1 sigma per axis, radius "
         f"{worst['r0_px']:g} px){bound}",
@@ -32,8 +39,8 @@ def study_verdict(summary: Sequence[Record]) -> Verdict:
     )  # fmt: skip
 
 
-def _row(row: Record) -> Iterator[Finding]:
-    """What is found at one reference radius."""
+def _row(row: Record, methods: set[str]) -> Iterator[Finding]:
+    """What is found at one reference radius, by the best of these methods."""
     missed, markers, rms = row["missed"], row["markers"], row["two_rms_px"] / 2
     step = "take larger markers, more light or less blur (--noise-percent, --depth, --blur-passes say what was tried)"
     if missed == markers:
@@ -45,4 +52,8 @@ def _row(row: Record) -> Iterator[Finding]:
         yield Finding(DOUBTFUL, "noise", f"centres are off by {g2(rms)} px (1 sigma per axis)", step)
     if row["rms_over_crlb"] > rules.BOUND_TIMES:
         said = f"errors are {g2(row['rms_over_crlb'])} times the least that the pictures allow"
-        yield Finding(DOUBTFUL, "noise", said, "take the method template, and a radius near the markers' own")
+        if BEST not in methods:
+            yield Finding(DOUBTFUL, "noise", said, f"compare the method {BEST} as well (--method {BEST})")
+        elif rms > rules.STUDY_REST_PX:
+            yield Finding(DOUBTFUL, "noise", f"{said} with the best method there is",
+                          "take larger markers or less tilt (--max-tilt-deg)")  # fmt: skip

@@ -36,7 +36,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str, first: PictureState | None
     return Verdict.of(
         found,
         1,
-        f"all {len(good)} images have a pose, {what_is_left(rms, beyond)}",
+        f"{'the image has' if len(good) == 1 else f'all {len(good)} images have'} a pose, {what_is_left(rms, beyond)}",
         "use poses.csv",
     )
 

@@ -43,10 +43,16 @@ def _inside(mesh: Mesh, point: np.ndarray) -> bool:
     return bool(2 * np.arctan2(triple, along).sum() > 2 * np.pi)
 
 
-def viewpoint_verdict(found: list[Finding], count: int, shown: bool) -> Verdict:
-    """Judge ``count`` points of view; ``shown``: whether a grid or markers say what is in the picture."""
+def viewpoint_verdict(
+    found: list[Finding], count: int, shown: bool, written: str = "", drawn: str = ""
+) -> Verdict:
+    """Judge ``count`` points of view; ``shown``: whether a grid or markers say what is in the picture.
+
+    ``written``, ``drawn``: the camera file and the picture of it that are made; "" none.
+    """
     good = "the model is in the picture" if shown else "the seven numbers, station and directions are one pose"
-    step = "use it as a camera file (-o), or draw it (--picture)"
+    use = f"use {written} wherever a camera file is asked for" if written else "-o makes a camera file of it"
+    step = f"{f'look at {drawn}' if drawn else '--picture draws it'}; {use}"
     step = step if shown else f"give -g or -m to see what it shows; {step}"
     return Verdict.of(found, count, good, step, what="views")
 
