@@ -226,10 +226,12 @@ KINDS: dict[str, Callable[[np.random.Generator, float], Array]] = {
 }  # fmt: skip
 
 
-def picture(kind: str, radius: float, seed: int, bright: bool) -> NDArray[np.uint8]:
+def picture(
+    kind: str, radius: float, seed: int, bright: bool, kinds: dict[str, Callable[..., Array]] = KINDS
+) -> NDArray[np.uint8]:
     """Grey levels of a surface of things of about a radius, dark on light or bright on dark."""
     rng = np.random.default_rng([seed, round(1000 * radius), *kind.encode()])
-    share = gaussian_filter(KINDS[kind](rng, radius), 0.6, mode="nearest")
+    share = gaussian_filter(kinds[kind](rng, radius), 0.6, mode="nearest")
     y, x = np.mgrid[:SIZE, :SIZE] / SIZE
     uneven = 1 + 0.15 * np.sin(3 * x + rng.uniform(0, 6)) * np.cos(2 * y + rng.uniform(0, 6))
     clean = 60 + 150 * (1 - share) if bright else 180 * share * uneven

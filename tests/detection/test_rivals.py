@@ -6,9 +6,18 @@ import pytest
 import windmark as wm
 from windmark.detection import explain
 from windmark.detection._kernels.rivals import EXTRA
-from windmark.detection.decide_fits import RIVAL_NATS
+from windmark.detection.company import RIVAL_NATS
 from windmark.detection.rejected import OTHER
-from windmark.detection.rivals import GROUPS, OF_DISCS, _evidence, _measured, _neighbours, rival_evidence
+from windmark.detection.rivals import (
+    ALL_LACKING,
+    GROUPS,
+    OF_DISCS,
+    _evidence,
+    _measured,
+    _neighbours,
+    _with_any,
+    rival_evidence,
+)
 from windmark.detection.template.refine import make_scene, refine_template
 
 PLACES = np.stack(np.meshgrid(np.arange(30, 330, 50.0), np.arange(30, 230, 50.0)), axis=-1).reshape(-1, 2)
@@ -121,10 +130,21 @@ def test_a_worn_disc_stays_one():
 def test_evidence_grows_with_the_wave_and_goes_in_noise():
     """A square's wave, 0.15, is beyond doubt in clear pixels; in noise as strong as the disc nothing is said."""
     clear = [rival_evidence(*fitted(waved(4, share)), np.ones(1))[0] for share in (0.0, OF_DISCS[1], 0.15)]
-    assert clear[:2] == [0.0, 0.0]
+    assert clear[:2] == [ALL_LACKING, ALL_LACKING]  # too little is left for anything to be in it
     assert clear[2] > 8.0
     noisy = waved(4, 0.15, noise=60.0)
     assert not rival_evidence(*fitted(noisy), np.full(1, 60.0**2))[0] > 4.0
+
+
+def test_what_lacks_all_kinds_is_a_disc():
+    """Kind by kind one other thing in 2^6 would lack all; what is beyond doubt, or says nothing, stays what it is."""
+    none = 6 * np.log(0.5)
+    said = _with_any(np.array([none - 1.0, none, -2.0, 0.0, 20.0, 1000.0, np.nan]))
+    assert said[:2] == pytest.approx(np.log(0.1 / 64 / (1 - 0.9 / 64)))
+    assert none < said[2] < -2.0
+    assert said[3] == pytest.approx(0.0, abs=1e-12)
+    assert said[4:6] == pytest.approx([20.0, 1000.0], abs=0.02)
+    assert np.isnan(said[6])
 
 
 @pytest.mark.parametrize("half", [3.5, 5.0])

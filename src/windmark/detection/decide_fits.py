@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.company import are_others
 from windmark.detection.family import (
     TYPICAL,
     at_grazing_angle,
@@ -40,7 +41,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-RIVAL_NATS = 3.4  # by which the pixels must speak for another thing: of what comes so far 30 times as much are discs
 EVIDENCE_MIN = 10.0  # of the matched filter: white noise reaches 5 in every picture, what is correlated twice as much
 WHITE_EVIDENCE = 8.0  # of what is like the other markers, where they have shown that the noise is white
 CORRELATION_MIN = 0.93, 0.975  # of disc and window but for noise: of spots that SPOT takes, and of weaker ones
@@ -125,7 +125,12 @@ def judge_fits(
         reason[major + doubt[:, 0] < RADIUS_RATIO[0] * min(radii)] = SMALL
         reason[~fits.converged | ~np.isfinite(fits.cov).all(axis=(1, 2)) | (away > spots.r0)] = UNCERTAIN
         good = np.flatnonzero((reason == ACCEPTED) & ~fits.crossed & has_shape(fits, radii))
-        reason[good[rivals(good) > RIVAL_NATS]] = OTHER  # before it can say what the image's markers are like
+        contrast = fits.contrast if options.light == "multiplicative" else fits.depth
+        size = size_at_blur(fits, fits.frame.blur_px)
+        # Saturation takes part of what pixels say of shape and contrast: there each speaks for itself.
+        plain = (fits.flags[good] & SATURATED) == 0
+        other = are_others(rivals(good), size[good], np.abs(contrast[good]), plain)
+        reason[good[other]] = OTHER  # before it can say what the image's markers are like
         sound = (edge >= SOUND_EDGE) & (correlation >= SOUND_CORRELATION)
         sound |= fits.crossed | ((fits.flags & SATURATED) > 0)  # saturated: too little is left of it to look disturbed
         weight = np.nan_to_num(answer, nan=0.0, posinf=0.0) ** 2  # specks and noise say little
@@ -138,7 +143,6 @@ def judge_fits(
             odd &= ~(np.abs(fits.blur_px - there) <= BLUR_SIGMAS * np.hypot(fits.blur_sigma_px, SAME_BLUR_PX))
         reason[odd] = BLURRED
         typical = (reason == ACCEPTED) & clear & ~fits.crossed & ~like_points(fits)
-        contrast = fits.contrast if options.light == "multiplicative" else fits.depth
         tilted = ~fits.crossed & at_grazing_angle(
             fits, contrast, typical, weight, np.fmin(noise.variance, noise.surface), doubt, NEAR_RADIUS * min(radii)
         )

@@ -39,6 +39,9 @@ LEFT_BY_DISCS, LEFT_BY_OTHERS = 0.03, 0.1  # of the depth, beyond the noise: hal
 DISTURBED, LEFT_BY_DISTURBED = 0.25, 0.1  # share of the discs that dirt or a line reaches into, and what that leaves
 SHARE_OF_NOISE = 0.5  # what is left is not known better, as the tiles' noise is not
 ONE_KIND = 0.5  # share of the other things that have a kind of deviation
+LACKING = 0.1  # as many of them have none of the kinds as if each came by chance
+ALL_LACKING = -6.0  # nats of what is so clear a disc that there is no room for any; log(LACKING / 2^6) is -6.5
+LARGE_NATS = 30.0  # from which what a share of e^-4 says is no news
 MODEL_ERROR = 0.03  # of the depth: pixels of printed discs differ so much from any blurred ellipse (JPEG, blur, print)
 LEAST_WAVE = 0.06  # of the radius, of an outline that is another thing's
 PIXEL = 0.29  # px, standard deviation of a pixel's box
@@ -61,7 +64,7 @@ def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
     good = np.isfinite(fits.cov).all(axis=(1, 2)) & (fits.blur_px > 0.0) & (half < 0.5 * max(scene.image.shape))
     good &= fits.radius_px >= LEAST_PX
     near = _neighbours(fits)
-    out[good], good = 0.0, good & _room(fits)
+    out[good], good = ALL_LACKING, good & _room(fits)
     for size in np.unique(half[good]):
         mine = np.flatnonzero(good & (half == size))
         count = -(-mine.size * (2 * int(size) + 1) ** 2 // BATCH_PIXELS)
@@ -73,7 +76,7 @@ def rival_evidence(scene: Scene, fits: TemplateFits, variance: Array) -> Array:
                 + _of_left(left[:, at], variance[index], fits.depth[index])
                 for at in range(2)
             ]
-            out[index] = np.fmax(*nats)
+            out[index] = _with_any(np.fmax(*nats))
     return out
 
 
@@ -110,6 +113,17 @@ def _measured(
     params = model_parameters(scene, fits.take(index), pixel)
     deviations(patches, weights, params, noise2, float(scene.multiplicative), value, weight, left)
     return value, weight, left
+
+
+def _with_any(nats: Array) -> Array:
+    """Evidence for a thing that has any of the kinds; of all others only a share `LACKING` has none.
+
+    Kind by kind as many have it as not, so that one in 2^6 would have none: a disc like any other.
+    """
+    none = 0.5 ** (len(GROUPS) + 1)
+    with np.errstate(invalid="ignore"):
+        some = np.maximum(np.exp(np.minimum(nats, LARGE_NATS)) - none, 0.0) + LACKING * none
+    return np.asarray(np.where(nats < LARGE_NATS, np.log(some / (1.0 - none + LACKING * none)), nats))
 
 
 def _evidence(value: Array, weight: Array, left: Array, variance: Array, radius: Array, moved: bool) -> Array:
