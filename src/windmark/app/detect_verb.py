@@ -103,7 +103,9 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
         verdict = detect_verdict({name: Looked(one.state, len(one.spots), middle_sigma(one.spots.cov), one.why_none)
                                   for name, one in found.items()}, lost.why, wishes.shown)  # fmt: skip
         written = _write(found, wishes, good, failed, page_part(page, wishes, verdict, failed))
-    lines = [_line(name, one) for name, one in found.items()] + lost.lines()
+    alone = len(found) == 1 and not good  # the refusal says why
+    said = [replace(one, why_none="", estimate=None) for one in found.values()] if alone else [*found.values()]
+    lines = [*map(_line, found, said), *lost.lines()]
     record = {"images": {name: _record(one) for name, one in found.items()}, "output": str(wishes.output),
               "left_out": lost.why, "not_drawn": failed, "verdict": verdict.record()}  # fmt: skip
     lines += [*(verdict_lines(verdict) if good else []), *not_drawn(failed)]

@@ -102,10 +102,11 @@ def finish(result: RunResult, record: Record, as_json: bool) -> None:
     for path, text in result.notes:
         console.note(path, text)
     folder = result.project.output.folder
-    lines = [image_line(item, result) for item in result.images]
+    nothing = _nothing(result)
+    alone = nothing and len(result.images) == 1  # its verdict says the same
+    lines = [] if alone else [image_line(item, result) for item in result.images]
     lines += [merge_line(item) for item in result.merged]
     lines += [f"left out: {said}" for said in result.left_out] + [f"not drawn: {said}" for said in record["not_drawn"]]
-    nothing = _nothing(result)
     if not (nothing and as_json):  # a refusal brings the record with it: one document
         judged = verdict_lines(Verdict.of_record(record["verdict"]))
         console.answer(record, as_json, [*lines, *judged, f"report: {folder / 'report.html'}"])
