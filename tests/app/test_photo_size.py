@@ -1,11 +1,12 @@
 """Whether a large picture fits is seen by a part of its rows, as packing all of it would say."""
 
 import numpy as np
+import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from windmark.app import photo
-from windmark.app.photo import _far_too_large, _url, preview
+from windmark.app.photo import QUALITIES, _too_large, _url, preview
 
 MOST = 44_000
 
@@ -19,14 +20,23 @@ def pictures():
         yield np.clip(ramp + 10 * level * gaussian_filter(noise, 4.0) + 40, 0, 255).astype(np.uint8)
 
 
-def test_the_rows_say_what_the_picture_would():
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_the_rows_say_what_the_picture_would(quality):
     sizes = []
     for image in pictures():
-        whole = len(_url(Image.fromarray(image), "webp", quality=82, method=1))
+        whole = len(_url(Image.fromarray(image), "webp", quality=quality, method=1))
         sizes.append(whole)
-        said = _far_too_large(Image.fromarray(image), MOST)
-        assert said if whole > 3.2 * MOST else not said if whole < 2.0 * MOST else True
-    assert min(sizes) < 2.0 * MOST < 3.2 * MOST < max(sizes)
+        said = _too_large(Image.fromarray(image), quality, MOST)
+        assert said if whole > 1.7 * MOST else not said if whole < 0.75 * MOST else True
+    assert min(sizes) < 0.75 * MOST < 1.7 * MOST < max(sizes)
+
+
+def test_a_picture_that_fits_keeps_its_pixels():
+    for image in pictures():
+        url, size = preview(image, MOST)
+        assert len(url) <= MOST
+        least = len(_url(Image.fromarray(image), "webp", quality=QUALITIES[-1], method=1))
+        assert (size == image.shape[::-1]) == (least <= MOST)
 
 
 def test_what_is_seen_to_be_too_large_is_not_packed_whole(monkeypatch):
@@ -41,7 +51,7 @@ def test_what_is_seen_to_be_too_large_is_not_packed_whole(monkeypatch):
     url, size = preview(image, MOST)
     assert len(url) <= MOST
     assert all(w * h < 0.3 * image.size for w, h in packed)
-    monkeypatch.setattr(photo, "_far_too_large", lambda *_: False)
+    monkeypatch.setattr(photo, "_too_large", lambda *_: False)
     packed.clear()
     assert preview(image, MOST) == (url, size)
     assert packed[0] == (1000, 800)
