@@ -11,7 +11,7 @@ PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadfile --no-lo
 # Hundreds of commands are started: compiled once, not by each of them, whatever the machine has set.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-all test-costs lint docs wheel bench paper-map clean
+.PHONY: demo test test-all test-costs lint docs pictures wheel bench paper-map clean
 
 demo: $(VENV)/.installed
 	$(BIN)/windmark demo $(DEMO)
@@ -42,6 +42,19 @@ test-costs: $(VENV)/.installed-test $(VENV)/.compiled
 # The documentation site, build/docs/index.html; a link that leads nowhere is an error. No network is needed.
 docs: $(VENV)/.installed-docs
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs build/docs
+
+# The pictures of the documentation, all of them made by windmark: a few minutes. Those of reports and the viewer need
+# Chromium, those of NASA's plate its data in ../shared.
+MADE := build/pictures
+pictures: $(VENV)/.installed-test $(VENV)/.compiled
+	rm -rf $(MADE)
+	$(BIN)/python docs/make_pictures.py
+	$(BIN)/windmark simulate $(MADE)/test
+	$(BIN)/python docs/view_picture.py $(MADE)/test/project.toml
+	$(BIN)/windmark simulate $(MADE)/wing --deforming 4
+	$(BIN)/windmark align $(MADE)/wing/images/cam1-0000.tif $(MADE)/wing/images/cam1-0003.tif -o $(MADE)/aligned
+	$(BIN)/windmark run examples/nasa-upsp-cam5.toml -o $(MADE)/nasa
+	$(BIN)/python docs/report_pictures.py $(MADE)/nasa/report.html $(MADE)/aligned/report.html
 
 # dist/windmark-...whl for this system and Python, with compiled kernels: whoever installs it compiles nothing.
 wheel: $(VENV)/.installed
