@@ -68,6 +68,23 @@ def test_a_pattern_cut_by_the_pictures_stays_open():
     assert len(result.ambiguous_a) > 0.8 * len(spots[0])
 
 
+@pytest.mark.parametrize("count", [8, 40])
+def test_given_matches_decide_on_a_pattern_cut_by_the_pictures_and_wrong_ones_are_named(count):
+    """One by one where they are few, in groups where they are many; one in eight is a pitch off."""
+    camera, b_from_a, views = lattice(columns=80, rows=8)
+    number = [np.flatnonzero(camera.in_image(xy)) for xy in views]
+    spots = [Detections.make(xy[n]) for xy, n in zip(views, number, strict=True)]
+    both = np.intersect1d(*number)
+    picked = np.random.default_rng(count).choice(both, count, replace=False)
+    meant, wrong = picked.copy(), np.arange(count) % 8 == 0
+    meant[wrong] += np.where(np.isin(picked[wrong] + 1, number[1]), 1, -1)
+    given = np.stack([np.searchsorted(n, p) for n, p in zip(number, (picked, meant), strict=True)], axis=1)
+    result = match_known_pair(*spots, camera, camera, b_from_a, given=given)
+    np.testing.assert_array_equal(result.contradicted, wrong)
+    assert len(result) > 0.9 * len(both)
+    np.testing.assert_array_equal(number[0][result.spot_a], number[1][result.spot_b])
+
+
 def test_prediction_of_a_plane():
     """Inverse depth of a plane is affine: predicted from neighbours, with a variance that holds."""
     rng = np.random.default_rng(0)

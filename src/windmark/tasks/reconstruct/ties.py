@@ -43,9 +43,12 @@ def tied_pairs(task: Task, views: list[int]) -> Iterator[TiedPair]:
             spots[0].xy[in_a], spots[1].xy[in_b], task.camera(a), task.camera(b), cov_a=spots[0].cov[in_a],
             cov_b=spots[1].cov[in_b], seed=task.seed,
         )  # fmt: skip
+        given = in_a[view.inliers], in_b[view.inliers]
         for pose in () if view.b_from_a is None else (view.b_from_a, *view.alternatives):
-            pair = match_known_pair(*spots, task.camera(a), task.camera(b), pose, pose_cov=view.cov)
-            spot_a, spot_b = with_ties(pair.spot_a, pair.spot_b, in_a[view.inliers], in_b[view.inliers])
+            pair = match_known_pair(
+                *spots, task.camera(a), task.camera(b), pose, pose_cov=view.cov, given=np.column_stack(given)
+            )
+            spot_a, spot_b = with_ties(pair.spot_a, pair.spot_b, *given)
             yield TiedPair(a, b, spot_a, spot_b, view, pose)
 
 
