@@ -43,7 +43,7 @@ test-costs: $(VENV)/.installed-test $(VENV)/.compiled
 docs: $(VENV)/.installed-docs
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs build/docs
 
-# The pictures of the documentation, all of them made by windmark: a few minutes. Those of reports and the viewer need
+# The pictures of the documentation, all of them made by windmark: two minutes of CPU time. Those of reports and the viewer need
 # Chromium, those of NASA's plate its data in ../shared.
 MADE := build/pictures
 pictures: $(VENV)/.installed-test $(VENV)/.compiled
