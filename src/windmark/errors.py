@@ -11,6 +11,8 @@ function demands of another, such as the shapes of arrays: wrong use in Python, 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from typing import SupportsFloat
 
 
@@ -41,11 +43,18 @@ def g1(value: SupportsFloat) -> str:
     return _plain(f"{value:.1g}")
 
 
+def earned_decimals(sigmas: Iterable[float]) -> int:
+    """Decimals that numbers with these sigmas have earned: two digits of the least; 4 where none is known."""
+    known = [s for s in sigmas if 0 < s < math.inf]
+    # The power of ten of the rounded sigma: 0.000997 is 0.0010, not 0.00100.
+    return min(max(1 - int(f"{min(known):.1e}".partition("e")[2]), 0), 9) if known else 4
+
+
 def plus_minus(value: float, sigma: float) -> str:
     """A number with as many digits as its sigma, which has two, earns: ``0.007 ± 0.014``."""
-    if not 0.0 < sigma < float("inf"):
+    if not 0.0 < sigma < math.inf:
         return g3(value)
-    decimals = max(1 - int(f"{sigma:.1e}".partition("e")[2]), 0)
+    decimals = earned_decimals([sigma])
     return f"{value:z.{decimals}f} ± {sigma:.{decimals}f}"
 
 

@@ -9,8 +9,9 @@ import pytest
 
 from windmark.app import pictures, run_report
 from windmark.app.photo import Overlay
-from windmark.app.report import Report, cell, earned_decimals, fixed, measured, measured_rows
+from windmark.app.report import Report, cell, fixed, measured, measured_rows
 from windmark.app.svg import Chart, ticks
+from windmark.errors import earned_decimals
 from windmark.pipeline.private_paths import told, without_folders
 
 

@@ -17,6 +17,7 @@ from windmark.app import web
 from windmark.app.alone import alone
 from windmark.app.packing import packed_text
 from windmark.app.wording import duration, named, setting
+from windmark.errors import earned_decimals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -243,13 +244,6 @@ def _of_words(column: Sequence[Any]) -> bool:
     """Whether most of what a column says are words."""
     said = [v for v in column if v is not None and v == v and v not in ("", "-", "–", "−")]
     return 2 * sum(isinstance(v, str) and not _FIGURE.fullmatch(v) for v in said) > len(said)
-
-
-def earned_decimals(sigmas: Iterable[float]) -> int:
-    """Decimals that numbers with these sigmas have earned: two digits of the least; 4 where none is known."""
-    known = [s for s in sigmas if 0 < s < math.inf]
-    # The power of ten of the rounded sigma: 0.000997 is 0.0010, not 0.00100.
-    return min(max(1 - int(f"{min(known):.1e}".partition("e")[2]), 0), 9) if known else 4
 
 
 def measured(value: float, sigma: float, sign: str = "") -> tuple[str, str]:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from windmark.app import figures, merge_report
 from windmark.app.photo import Overlay, Room, preview, scale_bar, tiles
 from windmark.app.pictures import png
-from windmark.app.report import Report, earned_decimals
+from windmark.app.report import Report
 from windmark.app.spot_words import spot_notes
 from windmark.app.svg import LINE_COLOURS, Chart
-from windmark.errors import g2
+from windmark.errors import earned_decimals, g2
 from windmark.pipeline.outputs import pose_difference
 from windmark.pipeline.results import ImageResult, RunResult, SectionValues, ViewImage
 from windmark.pipeline.wireframe import grid_lines

@@ -8,10 +8,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.app.report import earned_decimals
 from windmark.app.residual_shifts import SeenBy, residual_shifts
 from windmark.app.scene3d import STATION_COLOURS, Cut, Field, Markers, Scene3D, Shifts, Station, looking_over
-from windmark.errors import g2
+from windmark.errors import earned_decimals, g2
 from windmark.pipeline.node_sigma import node_sigma
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.scene import MarkerSet, Mesh

@@ -50,6 +50,10 @@ class Pairs:
     xy: Array
     span: float
 
+    def sharing(self, some: Ints) -> Mask:
+        """(C,) candidates that have a spot of one of these."""
+        return np.isin(self.first, self.first[some]) | np.isin(self.second, self.second[some])
+
     def take(self, kept: Mask) -> Pairs:
         """Some of the candidates."""
         return Pairs(

@@ -68,14 +68,12 @@ def left_over(pairs: Pairs, near: Ints, family: Family) -> Mask:
     """
     if _fits_itself(pairs, near, family):
         return np.zeros(len(pairs.first), bool)
-    members = family.chosen[family.chosen >= 0]
-    return ~(np.isin(pairs.first, pairs.first[members]) | np.isin(pairs.second, pairs.second[members]))
+    return ~pairs.sharing(family.chosen[family.chosen >= 0])
 
 
 def disagrees(pairs: Pairs, members: Ints, seeds: Ints) -> bool:
     """Whether some candidates have a spot of a given one with another partner."""
-    one, other = np.isin(pairs.first[members], pairs.first[seeds]), np.isin(pairs.second[members], pairs.second[seeds])
-    return bool(((one | other) & ~np.isin(members, seeds)).any())
+    return bool((pairs.sharing(seeds)[members] & ~np.isin(members, seeds)).any())
 
 
 def _fits_itself(pairs: Pairs, near: Ints, family: Family) -> bool:
@@ -91,5 +89,3 @@ def _fits_itself(pairs: Pairs, near: Ints, family: Family) -> bool:
             if shifted.total > LIKE_ITSELF * family.total and both.sum() > LIKE_ITSELF * len(spots):
                 return True
     return False
-
-

@@ -182,7 +182,7 @@ def _decide(pairs: Pairs, count: Ints, other: _Other, seeds: Ints) -> tuple[Ints
         members = family.chosen[family.chosen >= 0]
         if rivals:  # None of their spots can be decided by its neighbours.
             doubtful = np.concatenate([members, *(f.chosen[f.chosen >= 0] for f in rivals)])
-            alive &= ~np.isin(pairs.first, left.first[doubtful]) & ~np.isin(pairs.second, left.second[doubtful])
+            alive &= ~pairs.sharing(number[doubtful])
             continue
         clear = family.lead[left.first[members]] > LEAD_MATCH
         if ahead < LEAD_FAMILY or not clear.any() or disagrees(pairs, number[members], seeds[(seeds >= 0) & ~wrong]):
@@ -190,7 +190,7 @@ def _decide(pairs: Pairs, count: Ints, other: _Other, seeds: Ints) -> tuple[Ints
         vain = 0
         chosen.append(number[members[clear]])
         leads.append(np.minimum(family.lead[left.first[members[clear]]], ahead))
-        alive &= ~np.isin(pairs.first, left.first[members]) & ~np.isin(pairs.second, left.second[members])
+        alive &= ~pairs.sharing(number[members])
     if not chosen:
         return np.zeros(0, dtype=np.int64), np.zeros(0), wrong
     return np.concatenate(chosen), np.concatenate(leads), wrong

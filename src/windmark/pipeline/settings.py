@@ -30,9 +30,9 @@ _TEXTS = {"path_type": "a path, as text in quotes", "string_type": "text in quot
 _OF_A_TYPE = re.compile(r"\[|^constrained-|^(int|float|str|bool|path|literal)$")
 """Of alternative types pydantic puts the type into the place of an error; it is no key."""
 COMMAND_LINE = "command line"
+"""Name of the project file where settings come from the command line."""
 OPTIONS = {"length_unit": "--unit"}
 """Keys of a project that are options of a command."""
-"""Name of the project file where settings come from the command line."""
 
 
 class Strict(BaseModel):

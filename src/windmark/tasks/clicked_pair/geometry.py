@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +36,6 @@ SIGMA_PX, MODEL_PX = 1.0, 0.1
 leaves beyond the spots' own."""
 MANY, MOST, MOST_SIGMAS = 20, 0.8, 1.2816
 """Matches that tell what a camera's model leaves: the part of them that decides, and how many sigmas that is."""
-MAX_LOG10_NFA = -2.0
-"""Chance gives such a geometry less often (decimal logarithm)."""
 BY_HAND = 7
 """Clicks of which two check the geometry that five fix."""
 FEW = 40
@@ -84,7 +83,7 @@ class Job:
             return f"{len(i)} matches; with a camera seven are needed (five fix the geometry, others check it)"
         view = self._two_view(i, j)
         if by_hand and len(i) >= BY_HAND and not (view and view.inliers.all()):
-            every = self._two_view(i, j, max_log10_nfa=np.inf)
+            every = self._two_view(i, j, right=True)
             view = every if every and every.inliers.all() else view
         if not view:
             return f"the matches give no geometry: {view.reason}"
@@ -99,11 +98,13 @@ class Job:
         return Geometry(matrix / np.linalg.norm(matrix), view.inliers, view.sigma0, pose, view.cov, None,
                          (note,) if note else ())  # fmt: skip
 
-    def _two_view(self, i: Ints, j: Ints, max_log10_nfa: float = MAX_LOG10_NFA) -> TwoView:
+    def _two_view(self, i: Ints, j: Ints, *, right: bool = False) -> TwoView:
+        """Of matches that are known to be ``right``, or of which some may be wrong."""
         assert self.cameras is not None
-        return estimate_two_view(
+        estimate = partial(estimate_two_view, max_log10_nfa=np.inf) if right else estimate_two_view
+        return estimate(
             self.a.xy[i], self.b.xy[j], *self.cameras, cov_a=self.a.cov[i] + self._extra,
-            cov_b=self.b.cov[j] + self._extra, seed=self.seed, max_log10_nfa=max_log10_nfa,
+            cov_b=self.b.cov[j] + self._extra, seed=self.seed,
         )  # fmt: skip
 
     def _reading(self, view: TwoView, i: Ints, j: Ints) -> tuple[Pose | None, str]:

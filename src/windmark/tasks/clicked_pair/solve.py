@@ -134,8 +134,8 @@ def _along_lines(job: Job, first: Ints, second: Ints) -> Found | str:
         if len(before[0]) == len(kept[0]) and (np.sort(before[0]) == np.sort(kept[0])).all():
             break
     found = geometry, *_settled(job, geometry, (first, second), *kept)
-    if 2 * int(found[1].sum()) > len(first):
-        return (f"{int(found[1].sum())} of {len(first)} clicks contradict the others or what the spots beside them "
+    if 2 * (gone := int(found[1].sum())) > len(first):
+        return (f"{gone} of {len(first)} clicks contradict the others or what the spots beside them "
                 "say; which of them are right is not to be told, look at each")  # fmt: skip
     return found
 
