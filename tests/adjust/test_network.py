@@ -14,7 +14,7 @@ from windmark.adjust.network import _kernels as kernels
 from windmark.adjust.network._arrays import ROOM, Equations
 from windmark.geometry.camera import LENS_PARAMETERS
 
-ALL = (*networks.NAMES, "k3", "tilt_x", "tilt_y")
+ALL = (*networks.NAMES, "k3", "tilt_x", "tilt_y", "shear")
 
 
 def variant(name):

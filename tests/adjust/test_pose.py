@@ -17,7 +17,7 @@ def test_exact_data_give_the_exact_pose_and_camera(scene):
     assert estimate.rms_px < 1e-7
     assert estimate.names == POSE_PARAMETERS
     assert estimate.cov.shape == (6, 6)
-    start = s.camera.with_parameters(s.camera.parameters() * [1.2, 1.02, 1, 1, 0.5, *np.ones(9)])
+    start = s.camera.with_parameters(s.camera.parameters() * [1.2, 1.02, 1, 1, 0.5, *np.ones(10)])
     free = ("k1", "focal_px", "aspect")
     # The engine stops within 1e-6 sigma of the minimum: exact data may claim to be so.
     estimate = refine_pose(start, s.start(0.3, 1.0), s.xyz, s.xy, s.cov(1e-3), free=free)
@@ -107,7 +107,7 @@ def test_a_tight_loss_scale_and_a_wide_one(scene):
 def test_a_prior_on_the_focal_length(scene):
     s = scene(6, n=12, size=(1, 1, 0.05))
     xy = s.noisy(0.2)
-    start = s.camera.with_parameters(s.camera.parameters() * np.r_[1.01, np.ones(13)])
+    start = s.camera.with_parameters(s.camera.parameters() * np.r_[1.01, np.ones(14)])
     args = (start, s.start(0.05, 0.1), s.xyz, xy, s.cov(0.2))
     free = refine_pose(*args, free=("focal_px",))
     prior = refine_pose(*args, free=("focal_px",), prior_sigma={"focal_px": 0.5 * free.sigma("focal_px")})
@@ -148,7 +148,7 @@ def test_minimal_sample_has_no_redundancy(scene):
 
 def test_covariance_of_the_camera_is_kept_for_what_is_fixed(scene):
     s = scene(10)
-    given = np.diag(np.arange(1.0, 15.0))
+    given = np.diag(np.arange(1.0, 16.0))
     given[0, 1] = given[1, 0] = 0.5
     camera = s.camera.with_parameters(s.camera.parameters(), cov=given)
     assert refine_pose(camera, s.start(), s.xyz, s.xy).camera.cov is given

@@ -36,6 +36,18 @@ def test_free_network_finds_cameras_poses_and_markers():
     assert np.abs(fit.translation).max() < 1e-6
 
 
+def test_a_shear_is_found_with_its_sigma_and_is_nothing_where_there_is_none():
+    """x gets 1.5e-3 of y: 1.5 px at the border, which no other parameter of these pictures shows."""
+    for shear in (0.0, 1.5e-3):
+        case = networks.make(35, points=40, views=10, camera=replace(networks.CAMERA, shear=shear))
+        result = run(case, datum=Free(), free=(*networks.NAMES, "shear"))
+        assert result
+        assert 0.85 < result.sigma0 < 1.15
+        assert 1e-6 < result.sigma("cam0", "shear") < 2e-4
+        assert abs(result.cameras["cam0"].shear - shear) < 4 * result.sigma("cam0", "shear")
+    assert run(case, datum=Free()).sigma0 > 1.3
+
+
 @pytest.mark.parametrize("rig", [False, True])
 def test_pose_covariances_hold_the_truth(rig):
     case = networks.make(32, points=40, views=8, rig=rig)

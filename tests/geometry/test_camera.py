@@ -93,7 +93,8 @@ def test_parameters_go_out_and_in(camera):
     assert camera.with_parameters(values) == camera
     assert camera.with_parameters(values[:11] + 1e-3).k3 == camera.k3 + 1e-3
     assert camera.packed()[:11].tolist() == values[:11].tolist()
-    assert camera.packed()[12:15].tolist() == values[11:].tolist()
+    assert camera.with_parameters(values[:11]).shear == camera.shear
+    assert camera.packed()[[12, 13, 14, 16]].tolist() == values[11:].tolist()
     with pytest.raises(ValueError):
         camera.with_parameters(values[:5])
 

@@ -67,5 +67,5 @@ def test_tilts_have_derivatives_at_zero_tilt():
 
 def test_shapes_of_a_grid_and_of_nothing(camera):
     xy, valid, d_xyz, d_par = camera.project_jacobian(points().reshape(5, 8, 3))
-    assert (xy.shape, valid.shape, d_xyz.shape, d_par.shape) == ((5, 8, 2), (5, 8), (5, 8, 2, 3), (5, 8, 2, 14))
-    assert camera.project_jacobian(np.zeros((0, 3)))[3].shape == (0, 2, 14)
+    assert (xy.shape, valid.shape, d_xyz.shape, d_par.shape) == ((5, 8, 2), (5, 8), (5, 8, 2, 3), (5, 8, 2, 15))
+    assert camera.project_jacobian(np.zeros((0, 3)))[3].shape == (0, 2, 15)

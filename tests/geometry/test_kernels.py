@@ -37,8 +37,9 @@ def test_fold_decentring_and_horizon_are_the_same():
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.1, -0.2)])
 def test_slopes_are_those_of_the_camera(tilt):
     lens = Camera(
-        (640, 480), 900.0, aspect=1.02, k1=-0.1, k2=0.05, p1=0.002, p2=-0.003, k3=0.01, tilt_x=tilt[0], tilt_y=tilt[1]
-    )
+        (640, 480), 900.0, aspect=1.02, k1=-0.1, k2=0.05, p1=0.002, p2=-0.003, k3=0.01, tilt_x=tilt[0], tilt_y=tilt[1],
+        shear=tilt[0] / 5,
+    )  # fmt: skip
     xyz = np.random.default_rng(3).uniform(-2, 2, (500, 3)) + np.array([0, 0, 1.0])
     xy, valid, slopes = lens.point_jacobian(xyz)
     assert 0.3 < valid.mean() < 1.0

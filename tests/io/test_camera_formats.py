@@ -288,11 +288,26 @@ def test_metashape(tmp_path):
     assert (content.cam_from_model, content.format) == (None, "metashape")
 
 
+def test_a_skew_of_metashape(tmp_path):
+    """u = width / 2 + cx + (f + b1) x + b2 y, by the formula of its manual."""
+    (tmp_path / "c.xml").write_text(METASHAPE.replace("<b1>2.5</b1>", "<b1>2.5</b1><b2>-0.8</b2>"))
+    camera = read_camera(tmp_path / "c.xml")[0]
+    x, y = 0.3, -0.2
+    r2 = x * x + y * y
+    dx = x * (1 + 0.0202373 * r2) + 0.000877708 * (r2 + 2 * x * x) - 2 * 0.000343606 * x * y
+    dy = y * (1 + 0.0202373 * r2) - 0.000343606 * (r2 + 2 * y * y) + 2 * 0.000877708 * x * y
+    u, v = 2640 - 21.1253 + 3715.58 * dx - 0.8 * dy, 1978 - 11.5535 + 3713.08 * dy
+    np.testing.assert_allclose(camera.project([x, y, 1.0])[0], [u - 0.5, v - 0.5], rtol=1e-13)
+    write_camera(tmp_path / "again.xml", camera)
+    again = read_camera(tmp_path / "again.xml")[0]
+    np.testing.assert_allclose(again.parameters(), camera.parameters(), rtol=1e-14)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("frame<", "fisheye<", "key 'projection': 'fisheye'; expected 'frame'"),
-        ("<b1>2.5</b1>", "<b2>0.1</b2>", r"key 'b2': b2 \(skew\) is 0.1; expected 0"),
+        ("<b1>2.5</b1>", "<b2>skew</b2>", "key 'b2': 'skew' is no number"),
         ("<b1>2.5</b1>", "<k4>0.1</k4>", r"key 'k4': k4 \(r\^8\) is 0.1"),
         ("<b1>2.5</b1>", "<p3>0.1</p3>", "key 'p3'"),
         ("<f>3713.08</f>", "", "key 'f': missing"),
@@ -319,6 +334,13 @@ def test_faults_of_metashape(tmp_path, old, new, message):
 def test_tilts_are_refused_where_the_format_lacks_them(tmp_path, name):
     with pytest.raises(ValueError, match=r"cannot hold sensor tilts; expected zeros, got tilt_x 0.01"):
         write_camera(tmp_path / name, Camera((640, 480), 900.0, tilt_x=0.01))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["c.cameramodel", "model", "c.yml"])
+def test_shear_is_refused_where_the_format_or_its_program_lacks_it(tmp_path, name):
+    with pytest.raises(ValueError, match=r"cannot hold a shear; expected zero, got 0.001"):
+        write_camera(tmp_path / name, Camera((640, 480), 900.0, shear=0.001))
     assert not list(tmp_path.iterdir())
 
 

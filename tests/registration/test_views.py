@@ -27,7 +27,7 @@ def random_cov(rng, open_):
 def test_columns_of_a_known_camera_are_a_root_of_its_covariance(open_):
     cov = random_cov(np.random.default_rng(open_), open_)
     columns = v.known_camera(Camera((1280, 960), 1500.0, cov=cov), 0.0)
-    assert columns.shape == (21, open_)
+    assert columns.shape == (v.ROWS, open_)
     in_parameters = columns[:11] * np.append(1500.0, np.ones(10))[:, None]
     unit = np.sqrt(np.diag(cov)) + 1e-12
     np.testing.assert_allclose(
@@ -36,13 +36,33 @@ def test_columns_of_a_known_camera_are_a_root_of_its_covariance(open_):
     assert (columns[11] == 0).all()
 
 
+def test_the_shear_of_a_camera_moves_within_its_covariance():
+    """Its own row, its own derivative: known to 1e-3, a shear of 1e-3 is found; of an exact camera it stays."""
+    rng = np.random.default_rng(56)
+    markers = scenes.wing_and_body(rng)
+    camera, pose = scenes.random_view(rng, markers, fov_deg=(50, 55), tilt_max_deg=30)
+    true = replace(camera, shear=1e-3)
+    scene = scenes.image_of(rng, markers, true, pose, noise_px=0.05)
+    cov = np.zeros((15, 15))
+    cov[14, 14] = 1e-6
+    for given in (replace(camera, cov=cov), true, replace(true, cov=cov)):
+        view = scenes.Scene(scene.detections, markers, given, pose, scene.label)
+        found = settling.settled(settling.views_of(view), view)
+        if given.cov is None:
+            assert found.camera().shear == 1e-3
+        else:
+            at = float(np.sqrt(found.unit_cov[6, 6])) * 1e-3
+            assert 1e-6 < at < 3e-4
+            assert abs(found.camera().shear - 1e-3) < 4 * at
+
+
 def test_without_covariance_nothing_is_open_and_a_free_focal_length_comes_first():
-    assert v.known_camera(CAMERA, 0.0).shape == (21, 0)
-    np.testing.assert_array_equal(v.known_camera(CAMERA, 0.3), 0.3 * np.eye(21, 1))
+    assert v.known_camera(CAMERA, 0.0).shape == (v.ROWS, 0)
+    np.testing.assert_array_equal(v.known_camera(CAMERA, 0.3), 0.3 * np.eye(v.ROWS, 1))
     cov = random_cov(np.random.default_rng(1), 4)
     columns = v.known_camera(Camera((1280, 960), 1500.0, cov=cov), 0.3)
-    np.testing.assert_array_equal(columns[:, 0], 0.3 * np.eye(21)[0])
-    assert columns.shape == (21, 4)
+    np.testing.assert_array_equal(columns[:, 0], 0.3 * np.eye(v.ROWS)[0])
+    assert columns.shape == (v.ROWS, 4)
     assert (columns[0, 1:] == 0).all()  # what the covariance says of the focal length is no longer asked
     rest = columns[1:11, 1:]
     np.testing.assert_allclose(rest @ rest.T, cov[1:, 1:], rtol=1e-6, atol=1e-12)
@@ -51,7 +71,7 @@ def test_without_covariance_nothing_is_open_and_a_free_focal_length_comes_first(
 def test_doubts_of_a_camera_are_what_they_say():
     """1 sigma of each doubt: focal length, aspect, principal point, and where the corner is seen."""
     columns = v.doubted_camera(CAMERA)
-    assert columns.shape == (21, 5)
+    assert columns.shape == (v.ROWS, 5)
     diagonal = np.hypot(1280, 960)
     changed = [
         Camera(CAMERA.size_px, *(CAMERA.packed()[:11] + c[:11] * np.append(1500.0, np.ones(10)))) for c in columns.T
@@ -80,11 +100,11 @@ def unlike_rig():
 
 def test_cameras_of_unlike_freedom_are_filled_up_with_nothing():
     _, views = unlike_rig()
-    assert views.loose.shape == (2, 21, 5)
+    assert views.loose.shape == (2, v.ROWS, 5)
     assert (np.abs(views.loose[0]).max(axis=0) > 0).all()
     assert (np.abs(views.loose[1]).max(axis=0) > 0).tolist() == [True] + [False] * 4
     doubted = views.doubted()
-    assert doubted.loose.shape == (2, 21, 10)
+    assert doubted.loose.shape == (2, v.ROWS, 10)
     np.testing.assert_array_equal(doubted.loose[:, :, :5], views.loose)
     np.testing.assert_array_equal(doubted.loose[1, :, 5:], v.doubted_camera(views.planes[1].task.camera))
     some = views.doubted(columns=(2, 3))

@@ -131,7 +131,7 @@ class CameraBlock:
         diagonal = float(np.hypot(*value.size_px)) / 2
         r = diagonal / value.focal_px
         last = (r**-8, 1.0, 1.0) if value.lens == "fisheye" else (r**-2, r**-4, r**-6)
-        size = (value.focal_px, 1.0, diagonal, diagonal, r**-2, r**-4, 1 / r, 1 / r, r**-6, 1.0, 1.0, *last)
+        size = (value.focal_px, 1.0, diagonal, diagonal, r**-2, r**-4, 1 / r, 1 / r, r**-6, 1.0, 1.0, *last, 1.0)
         return np.diag([size[column] for column in self.columns])
 
     def difference(self, value: Camera, reference: Camera) -> tuple[Array, Array]:

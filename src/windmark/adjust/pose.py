@@ -17,8 +17,8 @@ from windmark.adjust.pose_estimate import PoseEstimate, pose_estimate
 from windmark.adjust.problem import Problem
 from windmark.adjust.terms import JointPrior, Prior, Reprojection, Term, whitener
 from windmark.errors import DataError, UsageError
-from windmark.geometry import PARAMETERS, Camera, Pose
-from windmark.geometry.camera import PLAIN
+from windmark.geometry import Camera, Pose
+from windmark.geometry.camera import filled_up
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ def refine_pose(
     loss_scale : in sigma; None takes the scale of 95 % efficiency
     prior_sigma : parameter name -> standard deviation of its start (px for focal_px and cx, rad for
         rotation_x, ..., length unit for translation_x, ...)
-    camera_cov : (14, 14) covariance of the camera's start in the order of `PARAMETERS`, as `Camera.cov`: the free
+    camera_cov : (15, 15) covariance of the camera's start in the order of `PARAMETERS`, as `Camera.cov`: the free
         parameters with a variance > 0 are held by it, together with their correlations
     max_iterations : limit of each solve
 
@@ -157,11 +157,7 @@ def _priors(sigma: dict[str, float], blocks: Mapping[str, Block], values: Mappin
 
 def _camera_prior(cov: ArrayLike, block: CameraBlock, camera: Camera, held: set[str]) -> list[Term]:
     """The prior of the free camera parameters that have a variance, centred on the start."""
-    full = np.asarray(cov, dtype=float)
-    if full.shape == (PLAIN, PLAIN):
-        full = np.pad(full, (0, len(PARAMETERS) - PLAIN))
-    if full.shape != (len(PARAMETERS),) * 2:
-        raise ValueError(f"camera_cov: expected ({len(PARAMETERS)}, {len(PARAMETERS)}), got {full.shape}")
+    full = filled_up(cov, "camera_cov")
     rows = [n for n, column in enumerate(block.columns) if full[column, column] > 0]
     twice = [block.names[n] for n in rows if block.names[n] in held]
     if twice:

@@ -20,7 +20,7 @@ TABLES = (".csv", ".txt")
 """Matches, not pictures."""
 LENSES = {"pinhole": FREE[:4], "radial": FREE[:6], "brown": FREE}
 WIDE = ("rational", "fisheye")
-MORE = {"k3": ("k3",), "tilts": ("tilt_x", "tilt_y")}
+MORE = {"k3": ("k3",), "tilts": ("tilt_x", "tilt_y"), "shear": ("shear",)}
 
 DATUM_HELP = (
     "--datum is needed; what fixes position, direction and size is never guessed. "
@@ -80,10 +80,10 @@ def parse_lens(lens: str | None, free: str | None) -> tuple[str | None, tuple[st
         return None, None
     if base in WIDE:
         named = None if free is None else parse_free(None, free)
-        wrong = [m for m in more if m != "tilts"]
+        wrong = [m for m in more if m == "k3" or m not in MORE]
         if wrong or (more and named is not None):
-            raise UsageError(f"--lens: expected {base} or {base}+tilts, got {lens!r}")
-        return base, (*FREE_OF[base], *MORE["tilts"]) if more else named
+            raise UsageError(f"--lens: expected {base}, {base}+tilts or {base}+shear, got {lens!r}")
+        return base, (*FREE_OF[base], *(p for m in dict.fromkeys(more) for p in MORE[m])) if more else named
     return (None if lens is None else "brown"), parse_free(lens, free)
 
 

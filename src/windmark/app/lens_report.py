@@ -13,11 +13,12 @@ from windmark.calibration import CorrectedImage, magnify_distortion
 from windmark.geometry import PARAMETERS, Camera
 from windmark.geometry.camera import LENS_PARAMETERS
 
-TESTED = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "tilt_x", "tilt_y")
+TESTED = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "tilt_x", "tilt_y", "shear")
 SIGNIFICANT = 3.0
 UNITS = {"focal_px": "px", "cx": "px", "cy": "px", "tilt_x": "rad", "tilt_y": "rad"}
 NAMES = {"focal_px": "focal length", "aspect": "aspect ratio fy/fx", "cx": "principal point cx",
-         "cy": "principal point cy", "tilt_x": "sensor tilt about x", "tilt_y": "sensor tilt about y"}  # fmt: skip
+         "cy": "principal point cy", "tilt_x": "sensor tilt about x", "tilt_y": "sensor tilt about y",
+         "shear": "shear of the axes"}  # fmt: skip
 LENSES = {"brown": "", "rational": "Rational lens. ",
           "fisheye": "Fisheye lens; focal length in pixels per radian. "}  # fmt: skip
 PHOTO_BYTES = 140_000

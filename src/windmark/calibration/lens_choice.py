@@ -93,9 +93,9 @@ def field_deg(camera: Camera) -> float:
 def as_lens(camera: Camera, lens: str) -> Camera:
     """The camera with another lens model that is as like it over the picture as its coefficients allow: a start.
 
-    Focal length, aspect, principal point and, where the model has them, decentring and tilts are kept; the coefficients
-    follow by linear least squares from image radius and angle. Without a use (`valid` within half the picture) they are
-    zero.
+    Focal length, aspect, shear, principal point and, where the model has them, decentring and tilts are kept; the
+    coefficients follow by linear least squares from image radius and angle. Without a use (`valid` within half
+    the picture) they are zero.
     """
     if camera.lens == lens:
         return camera
@@ -103,7 +103,7 @@ def as_lens(camera: Camera, lens: str) -> Camera:
     if lens != "fisheye" and camera.lens != "fisheye":
         keep["p1"], keep["p2"] = camera.p1, camera.p2
     bare = replace(camera, **keep, lens=lens, cov=None)
-    radial = replace(camera, p1=0.0, p2=0.0, tilt_x=0.0, tilt_y=0.0, aspect=1.0, cx=0.0, cy=0.0, cov=None)
+    radial = replace(camera, p1=0.0, p2=0.0, tilt_x=0.0, tilt_y=0.0, aspect=1.0, shear=0.0, cx=0.0, cy=0.0, cov=None)
     reach = 0.5 * np.hypot(*camera.size_px)
     q = np.linspace(0, reach, _SAMPLES + 1)[1:]
     away = radial.directions(np.column_stack([q, 0 * q]))

@@ -23,7 +23,7 @@ def radial_spread(camera: Camera, cov: Array) -> float:
     Parameters
     ----------
     camera : a lens with radial coefficients
-    cov : (14, 14) of its parameters; that of its coefficients alone (`RADIAL`) is used
+    cov : (15, 15) of its parameters; that of its coefficients alone (`RADIAL`) is used
     """
     index = [PARAMETERS.index(p) for p in RADIAL]
     middle, last = np.array([camera.cx, camera.cy]), np.array(camera.size_px) - 1.0

@@ -40,7 +40,7 @@ class CorrectedImage:
 def undistort(image: ArrayLike, camera: Camera, *, keep: str = "size") -> CorrectedImage:
     """The image as a perfect camera would have taken it: straight edges are straight.
 
-    Distortion and sensor tilts are undone; focal length and aspect stay, so a pixel keeps its scale near
+    Distortion, shear and sensor tilts are undone; focal length and aspect stay, so a pixel keeps its scale near
     the principal point. The values come from a cubic B-spline through all pixels.
 
     Parameters
@@ -101,7 +101,7 @@ def magnify_distortion(image: ArrayLike, camera: Camera, factor: float) -> Corre
 
 
 def corrected_camera(camera: Camera, *, keep: str = "size") -> Camera:
-    """The perfect camera (no distortion, no tilt) with the same focal length, aspect and direction.
+    """The perfect camera (no distortion, shear, tilt) with the same focal length, aspect and direction.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def magnified_camera(camera: Camera, factor: float) -> Camera:
         raise DataError(f"magnified_camera: the distortion of a {camera.lens} lens is not in proportion to its numbers")
     if not np.isfinite(factor):
         raise UsageError(f"magnified_camera: factor must be a finite number, got {factor}")
-    names = ("k1", "k2", "k3", "p1", "p2", "tilt_x", "tilt_y")
+    names = ("k1", "k2", "k3", "p1", "p2", "tilt_x", "tilt_y", "shear")
     return replace(camera, **{name: float(factor) * getattr(camera, name) for name in names}, cov=None)
 
 

@@ -50,7 +50,7 @@ def project_point(c: Array, x: float, y: float, z: float) -> tuple[float, float,
         ud, vd, seen = _tilt_point(c[9], c[10], ud, vd)
         if not seen:
             return math.nan, math.nan, False
-    return c[0] * ud + c[2], c[0] * c[1] * vd + c[3], True
+    return c[0] * (ud + c[16] * vd) + c[2], c[0] * c[1] * vd + c[3], True
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
@@ -104,7 +104,7 @@ def project_with_slopes(
     if c[9] != 0.0 or c[10] != 0.0:
         xx, xy, yx, yy = _tilted_slopes(c[9], c[10], ud, vd, xx, xy, yy)
     fx, fy = c[0] / z, c[0] * c[1] / z
-    xx, xy, yx, yy = fx * xx, fx * xy, fy * yx, fy * yy
+    xx, xy, yx, yy = fx * (xx + c[16] * yx), fx * (xy + c[16] * yy), fy * yx, fy * yy
     return px, py, True, xx, xy, -(xx * u + xy * v), yx, yy, -(yx * u + yy * v)
 
 
@@ -120,6 +120,7 @@ def _fisheye_slopes(
         xz, yz = aa * xz + ab * yz, ba * xz + bb * yz
         xx, xy, yx, yy = aa * xx + ab * xy, aa * xy + ab * yy, ba * xx + bb * xy, ba * xy + bb * yy
     fx, fy = c[0] / length, c[0] * c[1] / length
+    xx, xy, xz = xx + c[16] * yx, xy + c[16] * yy, xz + c[16] * yz
     return px, py, True, fx * xx, fx * xy, fx * xz, fy * yx, fy * yy, fy * yz
 
 

@@ -1,4 +1,4 @@
-"""The camera: pinhole, aspect, principal point, distortion (Brown-Conrady, rational or fisheye), sensor tilt.
+"""The camera: pinhole, aspect, shear, principal point, distortion (Brown-Conrady, rational or fisheye), sensor tilt.
 
 Same meaning and signs as OpenCV (forward model, ideal -> distorted), so cameras can be
 exchanged. Sources: Brown (1971); OpenCV calib3d for the tilted sensor and the wide lenses; AIAA 2005-5007
@@ -24,15 +24,15 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 PARAMETERS = (
-    "focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "tilt_x", "tilt_y", "k4", "k5", "k6",
+    "focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "tilt_x", "tilt_y", "k4", "k5", "k6", "shear",
 )  # fmt: skip
 """Names and order of a camera's parameters, in Jacobians and covariances."""
-PLAIN = 11
-"""So many of them has a camera with Brown's lens; the other lenses' own follow."""
+PLAIN, WIDE = 11, 14
+"""So many of them has a camera with Brown's lens; the other lenses' own follow, and the shear of any."""
 LENS_PARAMETERS = {
-    "brown": PARAMETERS[:PLAIN],
+    "brown": (*PARAMETERS[:PLAIN], "shear"),
     "rational": PARAMETERS,
-    "fisheye": ("focal_px", "aspect", "cx", "cy", "k1", "k2", "k3", "tilt_x", "tilt_y", "k4"),
+    "fisheye": ("focal_px", "aspect", "cx", "cy", "k1", "k2", "k3", "tilt_x", "tilt_y", "k4", "shear"),
 }
 """The parameters that each lens has; the others are zero."""
 _LACKING = {lens: tuple(p for p in PARAMETERS if p not in has) for lens, has in LENS_PARAMETERS.items()}
@@ -40,7 +40,7 @@ _LACKING = {lens: tuple(p for p in PARAMETERS if p not in has) for lens, has in 
 
 def _lens_figures(c: Camera) -> str:
     """The model of the lens and what of it is not zero."""
-    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "tilt_x", "tilt_y")
+    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "tilt_x", "tilt_y", "shear")
     some = [f"{name} {getattr(c, name):.4g}" for name in names if getattr(c, name)]
     return " ".join([c.lens, *some] if some else ["none" if c.lens == "brown" else c.lens])
 
@@ -61,10 +61,13 @@ class Camera:
     cx, cy : principal point, pixels; the centre of the top-left pixel is (0, 0)
     k1, k2, k3, p1, p2 : distortion, OpenCV's meaning
     tilt_x, tilt_y : sensor tilts in radians, OpenCV's tau_x, tau_y
-    cov : (14, 14) covariance in the order of `PARAMETERS`, or None; (11, 11) where k4 to k6 are known, is filled up
+    cov : (15, 15) covariance in the order of `PARAMETERS`, or None; (14, 14) where the shear is known, (11, 11) where
+        k4 to k6 are, too, are filled up
     k4, k5, k6 : of a rational lens, OpenCV's meaning; k4 is the last coefficient of a fisheye lens
     lens : "brown", "rational" or "fisheye", see `lens`. With a fisheye lens the focal length is pixels per radian on
         the axis, k1 to k4 belong to the angle (`cv2.fisheye`), and points beyond 90 degrees have images
+    shear : of the pixels' axes: x gets ``focal_px * shear`` times the sensor's y. A camera with a digital sensor has
+        none; other programs have it (skew; B2 of Australis, b2 of Metashape), and with a sensor's tilt it says the same
 
     Examples
     --------
@@ -96,6 +99,7 @@ class Camera:
     k5: float = 0.0
     k6: float = 0.0
     lens: str = LENSES[0]
+    shear: float = 0.0
 
     def __post_init__(self) -> None:
         size = np.asarray(self.size_px, dtype=float)
@@ -120,36 +124,35 @@ class Camera:
         for name in _LACKING[self.lens]:
             if getattr(self, name) != 0.0:
                 raise ValueError(f"Camera: a {self.lens} lens has no {name}; expected 0, got {getattr(self, name)}")
-        if self.cov is not None and np.shape(self.cov) == (PLAIN, PLAIN):
-            object.__setattr__(self, "cov", np.pad(np.asarray(self.cov, dtype=float), (0, len(PARAMETERS) - PLAIN)))
-        if self.cov is not None and np.shape(self.cov) != (len(PARAMETERS),) * 2:
-            raise ValueError(f"Camera: cov must be (14, 14), or (11, 11) without k4 to k6, got {np.shape(self.cov)}")
+        if self.cov is not None:
+            object.__setattr__(self, "cov", filled_up(self.cov, "Camera: cov"))
 
     # --- the parameters as an array ------------------------------------------------------
     def parameters(self) -> Array:
-        """(14,) parameters in the order of `PARAMETERS`."""
+        """(15,) parameters in the order of `PARAMETERS`."""
         return np.array([getattr(self, name) for name in PARAMETERS])
 
     def with_parameters(self, values: ArrayLike, cov: Array | None = None) -> Camera:
-        """A camera of the same size and lens with the given parameters; of eleven k4 to k6 stay as they are."""
+        """A camera of the same size and lens with the given (15,) parameters; of (11,) or (14,) the others stay."""
         v = np.asarray(values, dtype=float)
-        names = PARAMETERS[:PLAIN] if len(v) == PLAIN else PARAMETERS
+        names = PARAMETERS[: len(v)] if len(v) in (PLAIN, WIDE) else PARAMETERS
         named: dict[str, Any] = dict(zip(names, map(float, v), strict=True))
         return replace(self, **named, cov=cov)
 
     def packed(self) -> Array:
-        """(16,) for kernels: eleven parameters, the lens' `range2`, k4, k5, k6, and the number of the lens model."""
+        """(17,) for kernels: eleven parameters, the lens' `range2`, k4, k5, k6, the number of the lens model, shear."""
         return self._packed.copy()
 
     @cached_property
     def _packed(self) -> Array:
         p, lens = self.parameters(), self._lens()
-        return np.concatenate([p[:PLAIN], [range2(lens)], p[PLAIN:], [lens.kind]])
+        return np.concatenate([p[:PLAIN], [range2(lens)], p[PLAIN:WIDE], [lens.kind], p[WIDE:]])
 
     @property
     def matrix(self) -> Array:
         """OpenCV's 3x3 camera matrix (without tilt)."""
-        return np.array([[self.focal_px, 0, self.cx], [0, self.focal_px * self.aspect, self.cy], [0, 0, 1.0]])
+        f = self.focal_px
+        return np.array([[f, f * self.shear, self.cx], [0, f * self.aspect, self.cy], [0, 0, 1.0]])
 
     @property
     def fov_deg(self) -> float:
@@ -187,7 +190,7 @@ class Camera:
         -------
         xy, valid : as `project`
         d_xyz : (..., 2, 3) derivative with respect to the point
-        d_parameters : (..., 2, 14) derivative with respect to `PARAMETERS`
+        d_parameters : (..., 2, 15) derivative with respect to `PARAMETERS`
         """
         return project_jacobian(self.parameters(), _points(xyz_cam, 3, "project_jacobian"), self._lens().kind)
 
@@ -251,14 +254,29 @@ class Camera:
         if self.tilt_x or self.tilt_y:
             distorted = _homography(tilt_homography(self.tilt_x, self.tilt_y), distorted)
         f = np.array([self.focal_px, self.focal_px * self.aspect])
-        return distorted * f + np.array([self.cx, self.cy])
+        xy = distorted * f + np.array([self.cx, self.cy])
+        if self.shear:
+            xy[..., 0] += self.focal_px * self.shear * distorted[..., 1]
+        return xy
 
     def _from_pixels(self, xy: Array) -> Array:
         f = np.array([self.focal_px, self.focal_px * self.aspect])
         p = (xy - np.array([self.cx, self.cy])) / f
+        if self.shear:
+            p[..., 0] -= self.shear * p[..., 1]
         if self.tilt_x or self.tilt_y:
             p = _homography(np.asarray(np.linalg.inv(tilt_homography(self.tilt_x, self.tilt_y)), dtype=float), p)
         return p
+
+
+def filled_up(cov: ArrayLike, what: str) -> Array:
+    """(15, 15) covariance of a camera; of the first 14 or 11 parameters the others are taken as known."""
+    matrix = np.asarray(cov, dtype=float)
+    if matrix.shape not in {(n, n) for n in (PLAIN, WIDE, len(PARAMETERS))}:
+        shapes = "(15, 15), or (14, 14) without the shear, or (11, 11) without k4 to k6"
+        raise ValueError(f"{what} must be {shapes}, got {matrix.shape}")
+    lacking = len(PARAMETERS) - len(matrix)
+    return np.pad(matrix, (0, lacking)) if lacking else matrix
 
 
 def _homography(h: Array, p: Array) -> Array:

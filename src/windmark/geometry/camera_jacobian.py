@@ -24,27 +24,27 @@ def project_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[
 
     ``parameters``: those in the order of `camera.PARAMETERS`; ``kind``: number of the lens model in `lens.LENSES`.
     """
-    focal_px, aspect, cx, cy = parameters[:4].tolist()
+    focal_px = float(parameters[0])
     tilt_x, tilt_y = parameters[9:11].tolist()
-    lens = lens_of(parameters, kind)
+    lens, pixel = lens_of(parameters, kind), _per_sensor(parameters)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         distorted, valid, by_point = project_with_slopes(xyz, lens)
         tilted, d_tilted, d_angles = _tilt(tilt_x, tilt_y, distorted)
-        focal = np.array([focal_px, focal_px * aspect])
-        xy = tilted * focal + np.array([cx, cy])
+        xy = tilted @ pixel.T + parameters[2:4]
         valid &= np.isfinite(xy).all(axis=-1)
 
-        outer = focal[:, None] * d_tilted
+        outer = pixel @ d_tilted
         d_xyz = outer @ by_point
 
-        d_par = np.zeros((*valid.shape, 2, 14))
-        d_par[..., :, 0] = tilted * np.array([1.0, aspect])
+        d_par = np.zeros((*valid.shape, 2, 15))
+        d_par[..., :, 0] = tilted @ pixel.T / focal_px
         d_par[..., 1, 1] = focal_px * tilted[..., 1]
         d_par[..., 0, 2] = d_par[..., 1, 3] = 1.0
         by_lens = outer @ by_coefficients(xyz, lens)
         d_par[..., :, 4:9] = by_lens[..., :5]
-        d_par[..., :, 11:] = by_lens[..., 5:]
-        d_par[..., :, 9:11] = focal[:, None] * d_angles
+        d_par[..., :, 11:14] = by_lens[..., 5:]
+        d_par[..., :, 9:11] = pixel @ d_angles
+        d_par[..., 0, 14] = focal_px * tilted[..., 1]
     nan = ~valid[..., None, None]
     return (
         np.where(valid[..., None], xy, np.nan),
@@ -60,18 +60,22 @@ def lens_of(parameters: Array, kind: int) -> Lens:
     return Lens(k1, k2, p1, p2, k3, k4, k5, k6, kind)
 
 
+def _per_sensor(parameters: Array) -> Array:
+    """(2, 2) pixels by the sensor's coordinates: focal length, aspect and shear."""
+    focal_px, aspect = parameters[:2].tolist()
+    return focal_px * np.array([[1.0, float(parameters[14])], [0.0, aspect]])
+
+
 def point_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[Array, NDArray[np.bool_], Array]:
     """`project_jacobian` without the derivatives by the parameters, in a third of the time: xy, valid, d_xyz."""
-    focal_px, aspect, cx, cy = parameters[:4].tolist()
     tilt_x, tilt_y = parameters[9:11].tolist()
-    lens = lens_of(parameters, kind)
-    focal = np.array([focal_px, focal_px * aspect])
+    lens, pixel = lens_of(parameters, kind), _per_sensor(parameters)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         if kind == FISHEYE:
             q, valid, d_xyz = project_with_slopes(xyz, lens)
             q, by_distorted, _ = _tilt(tilt_x, tilt_y, q)
-            d_xyz = focal[:, None] * by_distorted @ d_xyz
-            xy = q * focal + np.array([cx, cy])
+            d_xyz = pixel @ by_distorted @ d_xyz
+            xy = q @ pixel.T + parameters[2:4]
             valid &= np.isfinite(xy).all(axis=-1)
         else:
             depth = xyz[..., 2:]
@@ -80,9 +84,9 @@ def point_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[Ar
             if tilt_x or tilt_y:
                 q, by_distorted, _ = _tilt(tilt_x, tilt_y, q)
                 by_ideal = by_distorted @ by_ideal
-            xy = q * focal + np.array([cx, cy])
+            xy = q @ pixel.T + parameters[2:4]
             d_xyz = np.empty((*xy.shape, 3))
-            d_xyz[..., :2] = by_ideal * (focal[:, None] / depth[..., None])
+            d_xyz[..., :2] = pixel @ by_ideal / depth[..., None]
             d_xyz[..., 2] = -(d_xyz[..., :2] * ideal[..., None, :]).sum(axis=-1)
             valid &= (depth[..., 0] > 0) & np.isfinite(xy).all(axis=-1)
     if not valid.all():

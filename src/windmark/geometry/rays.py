@@ -24,12 +24,11 @@ def pixel_rays(camera: Camera, first_row: int, rows: int) -> Array:
     """
     from windmark.geometry import _ray_kernels
 
-    f, c = camera.focal_px, camera
-    matrix = np.array([[f, 0, c.cx], [0, f * c.aspect, c.cy], [0, 0, 1.0]]) @ tilt_homography(c.tilt_x, c.tilt_y)
+    matrix = camera.matrix @ tilt_homography(camera.tilt_x, camera.tilt_y)
     packed = camera.packed()
     # Of a fisheye lens that is the angle's: what is in front of the camera is its whole plane, or less.
     max_s = packed[11] if packed[15] != FISHEYE else np.tan(min(np.sqrt(packed[11]), 0.5 * np.pi * (1 - 1e-9))) ** 2
-    plain = not (packed[4:9].any() or packed[12:].any())
+    plain = not (packed[4:9].any() or packed[12:16].any())
     rays = np.empty((rows, camera.size_px[0], 2))
     _ray_kernels.pixel_rays(np.linalg.inv(matrix), packed, max_s, plain, first_row, rays)
     lost = np.argwhere(np.isnan(rays[..., 0]))

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SHARED = 14 + 6 + 6 + 1
+INTERIOR = 15
+"""Parameters of a camera."""
+SHARED = INTERIOR + 6 + 6 + 1
 """Dense parameters of a view at most: camera, rig member, frame, focal change."""
 ROOM = SHARED + 3
 """The same with a point."""
@@ -30,7 +32,7 @@ class Marks(NamedTuple):
 class Scene(NamedTuple):
     """Everything a projection needs."""
 
-    camera: Array  # (C, 16) packed
+    camera: Array  # (C, 17) packed
     tilt: Array  # (C, 3, 3, 3): homography of the tilted sensor and its derivatives by the two angles
     view_camera: Ints  # (V,)
     view_frame: Ints  # (V,)
@@ -46,7 +48,7 @@ class Scene(NamedTuple):
 class Units(NamedTuple):
     """Natural units: what a step of one means."""
 
-    camera: Array  # (C, 14)
+    camera: Array  # (C, 15)
     frame_pivot: Array  # (F, 3) in the frame's target system; rotations turn about it
     frame_scale: Array  # (F,)
     offset_pivot: Array  # (A, 3)
@@ -57,7 +59,7 @@ class Units(NamedTuple):
 class Columns(NamedTuple):
     """Where the free parameters stand: dense columns, and eliminated blocks; -1 where there is none."""
 
-    camera: Ints  # (C, 14)
+    camera: Ints  # (C, 15)
     offset: Ints  # (A,)
     frame: Ints  # (F,)
     focal: Ints  # (V,)

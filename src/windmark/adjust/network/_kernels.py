@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.network._arrays import SHARED, Columns, Equations, Marks, Scene, Units
+from windmark.adjust.network._arrays import INTERIOR, SHARED, Columns, Equations, Marks, Scene, Units
 from windmark.adjust.network._projection_kernels import (
     FAST,
     Numbers,
@@ -47,7 +47,8 @@ def residuals(marks: Marks, scene: Scene, out: Array) -> bool:
             sx, sy, _, _, _, _, w = tilted_sensor(sensor, ud, vd)
             if not (seen > 0.0 and w > 0.0):
                 return False
-            dx, dy = fx * sx + camera[2] + shift[o, 0] - xy[o, 0], fy * sy + camera[3] + shift[o, 1] - xy[o, 1]
+            dx = fx * (sx + camera[16] * sy) + camera[2] + shift[o, 0] - xy[o, 0]
+            dy = fy * sy + camera[3] + shift[o, 1] - xy[o, 1]
             out[o, 0], out[o, 1] = white[o, 0] * dx, white[o, 1] * dx + white[o, 2] * dy
     return True
 
@@ -196,10 +197,11 @@ def _view_rows(
     c, f, a = scene.view_camera[i], scene.view_frame[i], scene.view_offset[i]
     by_offset, by_frame = member and columns.offset[a] >= 0, columns.frame[f] >= 0
     by_focal, frame_block, unit = columns.focal[i] >= 0, columns.frame_block[f], units.point
-    fx, dc, free, scale = camera[0] * factor, np.empty((2, 14)), np.empty(14, np.int64), np.empty(14)
+    fx, dc = camera[0] * factor, np.empty((2, INTERIOR))
+    free, scale = np.empty(INTERIOR, np.int64), np.empty(INTERIOR)
     fy = fx * camera[1]
     interior, tilted = 0, False
-    for k in range(14):
+    for k in range(INTERIOR):
         if columns.camera[c, k] >= 0:
             free[interior], scale[interior] = k, units.camera[c, k]
             interior += 1
@@ -214,7 +216,7 @@ def _view_rows(
         good = good and seen > 0.0 and qw > 0.0
         t00, t01, t10, t11 = interior_rows(camera, factor, (u, v, along, t, sx, sy, taa, tab, tba, tbb), w, dc)
         if tilted:
-            tilt_rows(scene.tilt, c, (sx, sy, ud, vd, qw), fx, fy, w, dc)
+            tilt_rows(scene.tilt, c, camera, factor, (sx, sy, ud, vd, qw), w, dc)
         for b in range(interior):
             table[b, 2 * m], table[b, 2 * m + 1] = dc[0, free[b]] * scale[b], dc[1, free[b]] * scale[b]
         t00, t01, t10, t11 = t00 * iz, t01 * iz, t10 * iz, t11 * iz
@@ -239,7 +241,8 @@ def _view_rows(
             # By the relative change: the focal length itself times the sensor coordinates.
             table[count, 2 * m], table[count, 2 * m + 1] = dc[0, 0] * camera[0] / factor, dc[1, 0] * camera[0] / factor
             count += 1
-        dx, dy = fx * sx + camera[2] + shift[o, 0] - xy[o, 0], fy * sy + camera[3] + shift[o, 1] - xy[o, 1]
+        dx = fx * (sx + camera[16] * sy) + camera[2] + shift[o, 0] - xy[o, 0]
+        dy = fy * sy + camera[3] + shift[o, 1] - xy[o, 1]
         table[count, 2 * m], table[count, 2 * m + 1] = w[0] * dx, w[1] * dx + w[2] * dy
         if point_column[p] >= 0 or point_block[p] >= 0:
             d, e = turned(frame, d), turned(frame, e)
@@ -267,7 +270,7 @@ def _pivots(scene: Scene, units: Units, i: int) -> tuple[Numbers, Numbers]:
 def _view_columns(scene: Scene, columns: Columns, i: int, cols: Ints, runs: Ints) -> tuple[int, int]:
     """Dense columns, ascending, that all marks of a view have; their number, and that of their runs (first, length)."""
     c, f, a, count, used = scene.view_camera[i], scene.view_frame[i], scene.view_offset[i], 0, 0
-    for k in range(14):
+    for k in range(INTERIOR):
         if columns.camera[c, k] >= 0:
             cols[count] = columns.camera[c, k]
             count += 1

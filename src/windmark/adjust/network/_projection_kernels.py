@@ -30,7 +30,7 @@ def view_of(scene: Scene, i: int) -> tuple[Numbers, bool, Numbers, Numbers, Numb
     k, h = scene.camera, scene.tilt
     camera = (
         k[c, 0], k[c, 1], k[c, 2], k[c, 3], k[c, 4], k[c, 5], k[c, 6], k[c, 7], k[c, 8], k[c, 9], k[c, 10], k[c, 11],
-        k[c, 12], k[c, 13], k[c, 14], k[c, 15],
+        k[c, 12], k[c, 13], k[c, 14], k[c, 15], k[c, 16],
     )  # fmt: skip
     sensor = (
         h[c, 0, 0, 0], h[c, 0, 0, 1], h[c, 0, 0, 2], h[c, 0, 1, 0], h[c, 0, 1, 1], h[c, 0, 1, 2],
@@ -52,7 +52,7 @@ def _numbers(r: Array, t: Array, n: int) -> Numbers:
 def interior_rows(
     camera: Numbers, factor: float, seen: Numbers, white: Numbers, dc: Array
 ) -> tuple[float, float, float, float]:
-    """Whitened derivatives by the interior parameters (tilts aside) into dc (2, 14); those by the distorted point.
+    """Whitened derivatives by the interior parameters (tilts aside) into dc (2, 15); those by the distorted point.
 
     ``seen``: direction, how the coefficients move the point along it (both as `lens` has them), sensor point, and the
     sensor point's derivative by the distorted one.
@@ -60,10 +60,13 @@ def interior_rows(
     u, v, along, t, sx, sy, taa, tab, tba, tbb = seen
     w0, w1, w2 = white
     fx = camera[0] * factor
-    a0, a1, b1 = w0 * fx, w1 * fx, w2 * fx * camera[1]
+    shear, a0, a1, b1 = camera[16], w0 * fx, w1 * fx, w2 * fx * camera[1]
+    taa, tab = taa + shear * tba, tab + shear * tbb
     t00, t01, t10, t11 = a0 * taa, a0 * tab, a1 * taa + b1 * tba, a1 * tab + b1 * tbb
     s, uv = u * u + v * v, 2.0 * u * v
-    dc[0, 0], dc[1, 0] = w0 * factor * sx, (w1 * sx + w2 * camera[1] * sy) * factor
+    across = sx + shear * sy
+    dc[0, 0], dc[1, 0] = w0 * factor * across, (w1 * across + w2 * camera[1] * sy) * factor
+    dc[0, 14], dc[1, 14] = a0 * sy, a1 * sy
     dc[0, 1], dc[1, 1] = 0.0, w2 * fx * sy
     dc[0, 2], dc[1, 2] = w0, w1
     dc[0, 3], dc[1, 3] = 0.0, w2
@@ -168,13 +171,14 @@ def tilted_sensor(h: Numbers, u: float, v: float) -> Numbers:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def tilt_rows(h: Array, c: int, seen: Numbers, fx: float, fy: float, white: Numbers, dc: Array) -> None:
+def tilt_rows(h: Array, c: int, camera: Numbers, factor: float, seen: Numbers, white: Numbers, dc: Array) -> None:
     """The same by the two tilts; ``seen``: sensor point, distorted point, third coordinate of the homography."""
     sx, sy, u, v, w = seen
     for m in range(1, 3):
         gw = h[c, m, 2, 0] * u + h[c, m, 2, 1] * v + h[c, m, 2, 2]
-        ga = fx * (h[c, m, 0, 0] * u + h[c, m, 0, 1] * v + h[c, m, 0, 2] - sx * gw) / w
-        gb = fy * (h[c, m, 1, 0] * u + h[c, m, 1, 1] * v + h[c, m, 1, 2] - sy * gw) / w
+        ga = (h[c, m, 0, 0] * u + h[c, m, 0, 1] * v + h[c, m, 0, 2] - sx * gw) / w
+        gb = (h[c, m, 1, 0] * u + h[c, m, 1, 1] * v + h[c, m, 1, 2] - sy * gw) / w
+        ga, gb = camera[0] * factor * (ga + camera[16] * gb), camera[0] * factor * camera[1] * gb
         dc[0, 8 + m], dc[1, 8 + m] = white[0] * ga, white[1] * ga + white[2] * gb
 
 

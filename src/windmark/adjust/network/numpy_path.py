@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.network._arrays import ROOM, Columns, Equations, Marks, Scene, Units
+from windmark.adjust.network._arrays import INTERIOR, ROOM, Columns, Equations, Marks, Scene, Units
 from windmark.geometry.camera_jacobian import project_jacobian
 from windmark.geometry.rotations import hat
 
@@ -41,18 +41,18 @@ def jacobian_rows(
         jd[:, :, start : start + size] = np.where(column[:, None, None] < 0, 0.0, rows)
 
     camera = columns.camera[c]
-    cols[:, :14] = camera
-    jd[:, :, :14] = np.where(camera[:, None] < 0, 0.0, d_cam * units.camera[c][:, None])
+    cols[:, :INTERIOR] = camera
+    jd[:, :, :INTERIOR] = np.where(camera[:, None] < 0, 0.0, d_cam * units.camera[c][:, None])
     if rig.any():
         rows = _pose_rows(d_xyz, xc, units.offset_pivot[a], units.offset_scale[a])
-        put(14, np.where(rig, columns.offset[a], -1), rows)
+        put(INTERIOR, np.where(rig, columns.offset[a], -1), rows)
         d_xyz = np.where(rig[:, None, None], d_xyz @ scene.offset_r[a], d_xyz)
     rows = _pose_rows(d_xyz, xb, units.frame_pivot[f], units.frame_scale[f])
-    put(20, columns.frame[f], rows)
+    put(INTERIOR + 6, columns.frame[f], rows)
     change = d_cam[:, :, :1] * (scene.camera[c, 0] / scene.focal[i])[:, None, None]
-    put(26, columns.focal[i], change)
+    put(INTERIOR + 12, columns.focal[i], change)
     at_point = (d_xyz @ scene.frame_r[f]) * np.where(columns.held[p], 0.0, units.point)[:, None]
-    put(27, columns.point[p], at_point)
+    put(INTERIOR + 13, columns.point[p], at_point)
     if je.shape[2] == 6:
         block[:] = columns.frame_block[f]
         je[:] = np.where(block[:, None, None] < 0, 0.0, rows)
@@ -145,12 +145,12 @@ def _projected(marks: Marks, scene: Scene) -> tuple[Array, NDArray[np.bool_], Ar
         xc = np.where(rig[:, None], moved, xb)
     o = len(i)
     xy, valid = np.zeros((o, 2)), np.zeros(o, bool)
-    d_xyz, d_cam = np.zeros((o, 2, 3)), np.zeros((o, 2, 14))
+    d_xyz, d_cam = np.zeros((o, 2, 3)), np.zeros((o, 2, INTERIOR))
     # Views differ by their factor on the focal length.
     for view in np.unique(i):
         own = i == view
         packed = scene.camera[scene.view_camera[view]]
-        parameters = np.concatenate([packed[:11], packed[12:15]])
+        parameters = np.concatenate([packed[:11], packed[12:15], packed[16:]])
         parameters[0] *= scene.focal[view]
         xy[own], valid[own], d_xyz[own], d_cam[own] = project_jacobian(parameters, xc[own], int(packed[15]))
         d_cam[own, :, 0] *= scene.focal[view]

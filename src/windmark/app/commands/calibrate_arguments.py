@@ -73,15 +73,15 @@ Focal = Annotated[
 Lens = Annotated[
     str | None,
     typer.Option(
-        help="Free parameters: pinhole, radial, brown (then +k3), rational or fisheye, then +tilts. [default: brown; "
-        "where that does not fit, or the lens is wider than 90 deg, the one the marks speak for]",
+        help="Free parameters: pinhole, radial, brown (then +k3), rational or fisheye, then +tilts, +shear. "
+        "[default: brown; where that does not fit, or the lens is wider than 90 deg, the one the marks speak for]",
         rich_help_panel=LENS,
     ),
 ]
 Parameters = Annotated[
     str | None,
     typer.Option(
-        help="Free parameters one by one: focal_px,aspect,cx,cy,k1,k2,k3,p1,p2,tilt_x,tilt_y,k4,k5,k6.",
+        help="Free parameters one by one: focal_px,aspect,cx,cy,k1,k2,k3,p1,p2,tilt_x,tilt_y,k4,k5,k6,shear.",
         rich_help_panel=LENS,
     ),
 ]

@@ -15,7 +15,7 @@ reports, one ``NAME VALUE [UNIT]`` per line, in any order, ``#`` for comments::
 
 The meaning is in `windmark.io.cameras.backward`: middle of the sensor, y up, corrections in mm. PhotoModeler
 gives its principal point from the top-left corner: subtract half of the format's width from xp and turn
-``height/2 - yp`` round likewise. B2 (shear) has no place in windmark's camera and must be zero. No pose.
+``height/2 - yp`` round likewise. No pose.
 """
 
 from __future__ import annotations
@@ -63,10 +63,8 @@ def parse_australis(path: Pathlike, text: str, size_px: tuple[int, int] | None) 
     for key in ("pixel_x", "pixel_y", "c"):
         if given[key] <= 0:
             raise record.key_error(path, key, f"{given[key]:g}; expected millimetres > 0")
-    if given.get("b2"):
-        raise record.key_error(path, "b2", f"{given['b2']:g}: a shear; expected 0 (windmark's camera lacks it)")
     size = record.image_size(path, "width", [given["width"], given["height"]])
-    lens = {key: given.get(key, 0.0) for key in _LENS[:-1]}
+    lens = {key: given.get(key, 0.0) for key in _LENS}
     pixel_mm = (given["pixel_x"], given["pixel_y"])
     backward = BackwardCamera(size, pixel_mm, given["c"], given["xp"], given["yp"], **lens)
     try:
@@ -92,13 +90,13 @@ def write_australis(path: Pathlike, camera: Camera, pixel_mm: tuple[float, float
     except WindmarkError as error:
         raise DataError(f"write_camera: {error}") from error
     if not refit.rms_px <= REFIT_RMS_PX:
-        what = f"the backward model K1 K2 K3 P1 P2 B1 is off: {refit}"
+        what = f"the backward model K1 K2 K3 P1 P2 B1 B2 is off: {refit}"
         raise DataError(f"write_camera: {what}; expected at most {REFIT_RMS_PX} px RMS (sensor tilts do not fit it)")
     lines = [f"# Backward lens model in mm, y up; refitted: {refit}"]
     lines += [f"{key:<8}{side}" for key, side in zip(("width", "height"), camera.size_px, strict=True)]
     lines += [f"{key:<8}{pitch!r} mm" for key, pitch in zip(("pixel_x", "pixel_y"), pixel_mm, strict=True)]
     lines += [f"{key:<8}{getattr(backward, key.lower())!r} mm" for key in ("C", "XP", "YP")]
-    lines += [f"{key.upper():<8}{getattr(backward, key, 0.0)!r}" for key in _LENS]
+    lines += [f"{key.upper():<8}{getattr(backward, key)!r}" for key in _LENS]
     with atomic_write(path) as stream:
         stream.write("\n".join(lines) + "\n")
 

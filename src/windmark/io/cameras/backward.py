@@ -3,7 +3,7 @@
 The middle of the sensor is the origin, x to the right, y *up*; with x' = x - xp, y' = y - yp and
 r^2 = x'^2 + y'^2 a measured point becomes the point of a perfect camera with the distance C::
 
-    x_ideal = x' + x' (K1 r^2 + K2 r^4 + K3 r^6) + P1 (r^2 + 2 x'^2) + 2 P2 x' y' + B1 x'
+    x_ideal = x' + x' (K1 r^2 + K2 r^4 + K3 r^6) + P1 (r^2 + 2 x'^2) + 2 P2 x' y' + B1 x' + B2 y'
     y_ideal = y' + y' (K1 r^2 + K2 r^4 + K3 r^6) + P2 (r^2 + 2 y'^2) + 2 P1 x' y'
 
 windmark's lens goes the other way (ideal to distorted), and no polynomial's inverse is a polynomial. So
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 _GRID = (41, 31)
 _STEPS = 50
 _ABSURD = 1e100  # squares of larger numbers overflow
-_FREE = slice(0, 9)  # of `PARAMETERS`: all of a plain lens but the tilts
+_FREE = [PARAMETERS.index(p) for p in ("focal_px", "aspect", "cx", "cy", "k1", "k2", "p1", "p2", "k3")]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class BackwardCamera:
     xp, yp : principal point, mm from the middle of the sensor, y up
     k1, k2, k3 : radial, mm^-2, mm^-4, mm^-6
     p1, p2 : decentring, mm^-1
-    b1 : affinity
+    b1, b2 : affinity, shear
     """
 
     size_px: tuple[int, int]
@@ -58,6 +58,7 @@ class BackwardCamera:
     p1: float = 0.0
     p2: float = 0.0
     b1: float = 0.0
+    b2: float = 0.0
 
     def unproject(self, xy: ArrayLike) -> Array:
         """Rays of pixels: (..., 2) -> (..., 3) with z = 1 in the camera frame (y down)."""
@@ -79,7 +80,7 @@ class Refit:
 def forward_camera(backward: BackwardCamera) -> tuple[Camera, Refit]:
     """The forward camera nearest to a backward one: least squares of the pixels in which the same rays are seen.
 
-    Focal length, aspect, principal point, k1, k2, k3, p1 and p2 are all fitted.
+    Focal length, aspect, principal point, k1, k2, k3, p1 and p2 are all fitted, the shear where there is a B2.
 
     Raises
     ------
@@ -91,30 +92,33 @@ def forward_camera(backward: BackwardCamera) -> tuple[Camera, Refit]:
     aspect = backward.pixel_mm[0] / backward.pixel_mm[1] * (1 + backward.b1)
     cx = (width - 1) / 2 + backward.xp / backward.pixel_mm[0]
     cy = (height - 1) / 2 - backward.yp / backward.pixel_mm[1]
-    start = Camera(backward.size_px, focal, aspect, cx, cy)
+    shear = backward.b2 * backward.pixel_mm[0] * focal / backward.c  # to first order
+    start = Camera(backward.size_px, focal, aspect, cx, cy, shear=shear)
     xy = _grid(backward.size_px)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # absurd numbers end as not finite
         rays = backward.unproject(xy)
-        distorted = any((backward.k1, backward.k2, backward.k3, backward.p1, backward.p2))
-        camera = _fit(start, rays, xy) if distorted else start
+        distorted = any((backward.k1, backward.k2, backward.k3, backward.p1, backward.p2, backward.b2))
+        free = [*_FREE, PARAMETERS.index("shear")] if backward.b2 else _FREE
+        camera = _fit(start, rays, xy, free) if distorted else start
         refit = None if camera is None else _misfit(camera.project(rays)[0] - xy)
     if camera is None or refit is None or not np.isfinite(refit.rms_px):
         raise DataError("no lens with k1 k2 p1 p2 k3 shows all rays of the sensor: is the lens one to one there?")
     return camera, refit
 
 
-def _fit(camera: Camera, rays: Array, xy: Array) -> Camera | None:
-    """Gauss-Newton from a camera without distortion; None where it does not converge."""
+def _fit(camera: Camera, rays: Array, xy: Array, free: list[int]) -> Camera | None:
+    """Gauss-Newton over the ``free`` `PARAMETERS` from a camera without distortion; None where it does not converge."""
     for _ in range(_STEPS):
         seen, valid, _, jacobian = camera.project_jacobian(rays)
         if not (valid.all() and np.abs(jacobian).max() < _ABSURD):
             return None
-        step = _solve(jacobian[..., _FREE].reshape(-1, 9), (xy - seen).reshape(-1))
-        values = camera.parameters() + np.pad(step, (0, len(PARAMETERS) - 9))
+        step = _solve(jacobian[..., free].reshape(-1, len(free)), (xy - seen).reshape(-1))
+        values = camera.parameters()
+        values[free] += step
         if values[0] <= 0 or values[1] <= 0:
             return None
         camera = camera.with_parameters(values)
-        if np.abs(jacobian[..., _FREE] @ step).max() < 1e-9:
+        if np.abs(jacobian[..., free] @ step).max() < 1e-9:
             return camera
     return None
 
@@ -122,7 +126,7 @@ def _fit(camera: Camera, rays: Array, xy: Array) -> Camera | None:
 def backward_camera(camera: Camera, pixel_mm: tuple[float, float]) -> tuple[BackwardCamera, Refit]:
     """The backward camera nearest to a forward one, distances in the corrected image.
 
-    B1 is fitted where the camera's aspect differs from that of the pixels.
+    B1 is fitted where the camera's aspect differs from that of the pixels, B2 where it has a shear.
 
     Raises
     ------
@@ -138,7 +142,8 @@ def backward_camera(camera: Camera, pixel_mm: tuple[float, float]) -> tuple[Back
     pitch = np.array(pixel_mm)
     square = abs(camera.aspect * pitch[1] / pitch[0] - 1) < 1e-12
     size = float(np.linalg.norm(np.array(camera.size_px) * pitch) / 2)  # makes all unknowns about one
-    units = np.array([size, size, size, size**-2, size**-4, size**-6, 1 / size, 1 / size, 1.0])[: 8 if square else 9]
+    units = np.array([size, size, size, size**-2, size**-4, size**-6, 1 / size, 1 / size, 1.0, 1.0])
+    units = units[: 10 if camera.shear else 8 if square else 9]
     mm = _millimetres(xy, camera.size_px, pixel_mm)
 
     def made(values: Array) -> BackwardCamera:
@@ -161,7 +166,7 @@ def _corrected(camera: BackwardCamera, mm: Array) -> Array:
     radial = 1 + s * (camera.k1 + s * (camera.k2 + s * camera.k3))
     return np.stack(
         [
-            x * (radial + camera.b1) + camera.p1 * (s + 2 * x * x) + 2 * camera.p2 * x * y,
+            x * (radial + camera.b1) + y * camera.b2 + camera.p1 * (s + 2 * x * x) + 2 * camera.p2 * x * y,
             y * radial + camera.p2 * (s + 2 * y * y) + 2 * camera.p1 * x * y,
         ],
         axis=-1,

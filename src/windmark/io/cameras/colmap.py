@@ -233,6 +233,7 @@ def _numbers(path: Path, line: int, words: list[str]) -> list[float]:
 
 
 def _camera_line(number: int, camera: Camera) -> str:
+    record.refuse_shear("COLMAP", camera)
     record.refuse_tilt("COLMAP", camera)
     fx, fy = camera.focal_px, camera.focal_px * camera.aspect
     values = {"f": fx, "fx": fx, "fy": fy, "cx": camera.cx + 0.5, "cy": camera.cy + 0.5}

@@ -9,9 +9,9 @@ z forward) and r^2 = x^2 + y^2::
     u  = width/2  + cx + f x' + b1 x' + b2 y'
     v  = height/2 + cy + f y'
 
-So p1 and p2 are OpenCV's p2 and p1, the focal length along x is f + b1, along y it is f. The skew b2, k4 and
-the higher decentring terms p3, p4 have no place in windmark's camera and must be zero. A calibration has no
-pose. Keys that are not there are zero, as Metashape leaves them out.
+So p1 and p2 are OpenCV's p2 and p1, the focal length along x is f + b1, along y it is f, and the skew b2 is
+focal length times shear. k4 and the higher decentring terms p3, p4 have no place in windmark's camera and must
+be zero. A calibration has no pose. Keys that are not there are zero, as Metashape leaves them out.
 
 Source: Metashape Professional user manual, appendix "Camera models", frame cameras.
 """
@@ -29,7 +29,7 @@ from windmark.io.text import Pathlike
 ROOT = "calibration"
 _NAMES = {"k1": "k1", "k2": "k2", "k3": "k3", "p1": "p2", "p2": "p1"}
 """Metashape's name -> ours."""
-_NOT_HELD = {"k4": "k4 (r^8)", "b2": "b2 (skew)", "p3": "p3", "p4": "p4"}
+_NOT_HELD = {"k4": "k4 (r^8)", "p3": "p3", "p4": "p4"}
 _OLD = ("fx", "fy", "skew")
 
 
@@ -56,7 +56,7 @@ def parse_metashape(path: Pathlike, root: Any) -> record.CameraFile:
     if f <= 0 or f + b1 <= 0:
         raise record.key_error(path, "f", f"the focal lengths are {f + b1:g} and {f:g}; expected > 0")
     parameters = {ours: _number(path, content, theirs) for theirs, ours in _NAMES.items()}
-    parameters |= {"focal_px": f + b1, "aspect": f / (f + b1)}
+    parameters |= {"focal_px": f + b1, "aspect": f / (f + b1), "shear": _number(path, content, "b2") / (f + b1)}
     for key, ours, size in (("cx", "cx", size_px[0]), ("cy", "cy", size_px[1])):
         parameters[ours] = (size - 1) / 2 + _number(path, content, key)
     return record.CameraFile(record.camera(path, size_px, parameters), None, None, "metashape")
@@ -76,6 +76,7 @@ def write_metashape(path: Pathlike, camera: Camera) -> None:
     f = camera.focal_px * camera.aspect
     values: dict[str, float] = {"f": f, "cx": camera.cx - (width - 1) / 2, "cy": camera.cy - (height - 1) / 2}
     values |= {"b1": camera.focal_px - f} if camera.aspect != 1 else {}
+    values |= {"b2": camera.focal_px * camera.shear} if camera.shear else {}
     values |= {theirs: getattr(camera, ours) for theirs, ours in _NAMES.items()}
     lines = [f"  <{key}>{value!r}</{key}>\n" for key, value in values.items()]
     head = f"  <projection>frame</projection>\n  <width>{width}</width>\n  <height>{height}</height>\n"

@@ -58,6 +58,7 @@ def write_mrcal(path: Pathlike, camera: Camera, pose: Pose | None, unit: str | N
     ValueError
         For sensor tilts and fisheye lenses, which mrcal's OPENCV models lack.
     """
+    record.refuse_shear("mrcal's models", camera)
     record.refuse_tilt("mrcal's OPENCV models", camera)
     record.refuse_lens("mrcal's OPENCV models", camera, "rational")
     name = "OPENCV8" if camera.lens == "rational" else "OPENCV5" if camera.k3 else "OPENCV4"

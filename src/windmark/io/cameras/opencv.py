@@ -62,6 +62,7 @@ def parse_opencv(path: Pathlike, content: dict[str, Any], size_px: tuple[int, in
 def write_opencv(path: Pathlike, camera: Camera, pose: Pose | None, unit: str | None) -> None:
     """Write what OpenCV's FileStorage reads: JSON where the name ends in .json, else YAML; no covariance."""
     d = record.coefficients(camera)
+    record.refuse_shear("OpenCV", camera)
     if camera.lens == "fisheye":
         record.refuse_tilt("OpenCV's fisheye model", camera)
     elif camera.tilt_x or camera.tilt_y:

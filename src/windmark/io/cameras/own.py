@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import PARAMETERS, Camera, Pose, PoV
-from windmark.geometry.camera import PLAIN
+from windmark.geometry.camera import PLAIN, WIDE
 from windmark.geometry.lens import LENSES
 from windmark.io.cameras import record
 from windmark.io.cameras.edited import ANGLES_DISTANCES, as_written, chosen_focal, chosen_pose, read_as_written
@@ -31,12 +31,15 @@ def own_content(
     """What is written as JSON."""
     content: dict[str, Any] = {"windmark": "camera", "version": VERSION, "size_px": camera.size_px}
     # A plain lens is written as it always was.
-    keys = list(_PARAMETER_KEYS)[: PLAIN if camera.lens == "brown" else None]
+    keys = list(_PARAMETER_KEYS)[: PLAIN if camera.lens == "brown" else WIDE]
+    if camera.shear or (camera.cov is not None and camera.cov[-1].any()):
+        keys.append("shear")
     if camera.lens != "brown":
         content["lens"] = camera.lens
     content |= {key: getattr(camera, _PARAMETER_KEYS[key]) for key in keys}
     if camera.cov is not None:
-        content["covariance"] = {"parameters": keys, "matrix": camera.cov[: len(keys), : len(keys)]}
+        own = [PARAMETERS.index(_PARAMETER_KEYS[key]) for key in keys]
+        content["covariance"] = {"parameters": keys, "matrix": camera.cov[np.ix_(own, own)]}
     if pose is not None:
         pov = pose.to_pov(camera.focal_px, camera.size_px[0])
         content["cam_from_model"] = {"rotation": pose.rotation, "translation": pose.translation, "pov": pov}
@@ -96,20 +99,22 @@ def _own_camera(path: Pathlike, content: dict[str, Any], pov: PoV | None, writte
 
 
 def _covariance(path: Pathlike, content: Any) -> Any:
-    """(11, 11) or (14, 14) in the order of `PARAMETERS`; null (NaN: not determined) is allowed."""
+    """(15, 15) in the order of `PARAMETERS`, zero of what is not named; null (NaN: not determined) is allowed."""
     if content is None:
         return None
     record.refuse_unknown(path, content, ("parameters", "matrix"), "covariance")
     keys, named = list(_PARAMETER_KEYS), content.get("parameters")
-    if named not in (keys, keys[:PLAIN]):
-        raise record.key_error(path, "covariance.parameters", f"expected {', '.join(_PARAMETER_KEYS)}")
+    if not isinstance(named, list) or any(n not in keys or named.count(n) > 1 for n in named):
+        raise record.key_error(path, "covariance.parameters", f"expected names out of {', '.join(keys)}, each once")
     n = len(named)
     matrix = np.array(content.get("matrix"), dtype=object)
     if matrix.shape != (n, n):
         raise record.key_error(path, "covariance.matrix", f"the shape is {matrix.shape}; expected {n} x {n} numbers")
     undetermined = matrix == None  # noqa: E711 - elementwise
     values = record.numbers(path, "covariance.matrix", np.where(undetermined, 0.0, matrix).tolist(), (n, n))
-    return np.where(undetermined, np.nan, values)
+    full, own = np.zeros((len(keys),) * 2), [keys.index(name) for name in named]
+    full[np.ix_(own, own)] = np.where(undetermined, np.nan, values)
+    return full
 
 
 def _own_pov(path: Pathlike, content: Any) -> PoV | None:

@@ -151,17 +151,15 @@ def pinhole(path: Pathlike, key: str, value: Any) -> dict[str, float]:
     Raises
     ------
     FileError
-        For a skew, which windmark's camera lacks, and for what is no camera matrix.
+        For what is no camera matrix.
     """
     k = numbers(path, key, value, (3, 3))
-    if k[0, 1]:
-        raise key_error(path, key, f"the skew is {k[0, 1]:g}; expected 0 (windmark's camera has square corners)")
     if k[1, 0] or k[2].tolist() != [0, 0, 1]:
-        raise key_error(path, key, "not a camera matrix; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        raise key_error(path, key, "not a camera matrix; expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
     if k[0, 0] <= 0 or k[1, 1] <= 0:
         raise key_error(path, key, f"the focal lengths are {k[0, 0]:g} and {k[1, 1]:g}; expected > 0")
     focal, cx, cy = float(k[0, 0]), float(k[0, 2]), float(k[1, 2])
-    return {"focal_px": focal, "aspect": float(k[1, 1] / k[0, 0]), "cx": cx, "cy": cy}
+    return {"focal_px": focal, "aspect": float(k[1, 1] / k[0, 0]), "cx": cx, "cy": cy, "shear": float(k[0, 1]) / focal}
 
 
 def camera(path: Pathlike, size_px: tuple[int, int], parameters: Mapping[str, Any], cov: Array | None = None) -> Camera:
@@ -192,8 +190,14 @@ def pose(path: Pathlike, key: str, rotation: Array, translation: Array, *, mend:
         raise key_error(path, key, str(problem)) from problem
 
 
+def refuse_shear(who: str, camera: Camera) -> None:
+    """`UsageError` for axes that are not square: OpenCV's functions and most programs do not look at a skew."""
+    if camera.shear:
+        raise UsageError(f"write_camera: {who} cannot hold a shear; expected zero, got {camera.shear:g}")
+
+
 def refuse_tilt(who: str, camera: Camera) -> None:
-    """`ValueError` for a tilted sensor, which only OpenCV's and windmark's own files can hold."""
+    """`UsageError` for a tilted sensor, which only OpenCV's and windmark's own files can hold."""
     if camera.tilt_x or camera.tilt_y:
         tilts = f"tilt_x {camera.tilt_x:g}, tilt_y {camera.tilt_y:g}"
         raise UsageError(f"write_camera: {who} cannot hold sensor tilts; expected zeros, got {tilts}")

@@ -37,7 +37,7 @@ class Views:
     ----------
     planes : of each camera: task, layout and search plane
     cam_from_rig : of each camera; the identity for a single one
-    loose : (C, 21, P) how the cameras may vary, see `Sights`
+    loose : (C, 22, P) how the cameras may vary, see `Sights`
     modes : (K, N, 3) how the unit model may be deformed, by 1 sigma
     names : (C,) numbers of the cameras among all that were given, those without spots too
     """
@@ -101,7 +101,7 @@ class Views:
         return out
 
     def opened(self, extra: Sequence[Array]) -> Views:
-        """The same with cameras that may vary in more ways, (21, p) each."""
+        """The same with cameras that may vary in more ways, (22, p) each."""
         return self._with(loose=np.concatenate([self.loose, _stacked(extra)], axis=2))
 
     def with_place(self, c: int, cam_from_rig: Pose) -> Views:
@@ -157,17 +157,17 @@ class Views:
         return tuple(_densities(plane) for plane in self.planes)
 
     def camera(self, c: int, packed: Array) -> Camera:
-        """Camera c with the parameters (16,) of a state."""
+        """Camera c with the parameters (17,) of a state."""
         given = self.planes[c].task.camera
         if np.array_equal(packed, self.planes[c].packed):
             return given
         return given.with_parameters(
-            np.concatenate([packed[:PARAMETERS_PACKED], packed[PARAMETERS_PACKED + 1 : -1]]), cov=given.cov
+            np.concatenate([packed[:PARAMETERS_PACKED], packed[PARAMETERS_PACKED + 1 : -2], packed[-1:]]), cov=given.cov
         )
 
 
 def known_camera(camera: Camera, focal_sigma: float) -> Array:
-    """(21, P) how a camera may vary by what is known of it: `Camera.cov`, and a free focal length of so large a sigma.
+    """(22, P) how a camera may vary by what is known of it: `Camera.cov`, and a free focal length of so large a sigma.
 
     A free focal length comes first; row 0 is of its logarithm.
     """
@@ -190,12 +190,12 @@ def known_camera(camera: Camera, focal_sigma: float) -> Array:
 
 
 def doubted_camera(camera: Camera) -> Array:
-    """(21, 5) how a camera may be wrong: focal length, aspect, principal point in x and y, lens (see `DOUBTS`)."""
+    """(22, 5) how a camera may be wrong: focal length, aspect, principal point in x and y, lens (see `DOUBTS`)."""
     return np.asarray(doubted_kernel(camera.packed(), np.array(camera.size_px, dtype=float)))
 
 
 def known_place(cov: Array | None, scale: float) -> Array:
-    """(21, P) how a camera's place in the rig may vary, by the covariance (6, 6) of ``exp(delta) @ cam_from_rig``."""
+    """(22, P) how a camera's place in the rig may vary, by the covariance (6, 6) of ``exp(delta) @ cam_from_rig``."""
     if cov is None:
         return np.zeros((ROWS, 0))
     unit = np.repeat([1.0, 1 / scale], 3)
@@ -207,7 +207,7 @@ def known_place(cov: Array | None, scale: float) -> Array:
 
 
 def doubted_place(turn: float, shift: float) -> Array:
-    """(21, 6) a camera's place that is known to ``turn`` (radians) and ``shift`` (sizes of the model), 1 sigma."""
+    """(22, 6) a camera's place that is known to ``turn`` (radians) and ``shift`` (sizes of the model), 1 sigma."""
     columns = np.zeros((ROWS, 6))
     columns[PLACE:WIDE] = np.diag(np.repeat([turn, shift], 3))
     return columns
@@ -248,7 +248,7 @@ def _by_lead(views: Views) -> tuple[NDArray[np.int64], Array, Array]:
 
 
 def _stacked(columns: Sequence[Array]) -> Array:
-    """(C, 21, P) of (21, p) each, filled up with columns that change nothing."""
+    """(C, 22, P) of (22, p) each, filled up with columns that change nothing."""
     out = np.zeros((len(columns), ROWS, max(c.shape[1] for c in columns)))
     for own, c in zip(out, columns, strict=True):
         own[:, : c.shape[1]] = c

@@ -23,7 +23,8 @@ LABELLED_PX = 0.15
 """What lens and table leave of a labelled spot (1 sigma), besides its covariance: four labels show nothing of it."""
 VIEWS_FOR_A_CAMERA = 3
 """Labelled pictures from which cameras are found."""
-LENS_SIGMA = {"aspect": 0.01, "k1": 0.3, "k2": 0.5, "k3": 0.5, "p1": 3e-3, "p2": 3e-3, "tilt_x": 0.02, "tilt_y": 0.02}
+LENS_SIGMA = {"aspect": 0.01, "k1": 0.3, "k2": 0.5, "k3": 0.5, "p1": 3e-3, "p2": 3e-3, "tilt_x": 0.02, "tilt_y": 0.02,
+              "shear": 0.01}  # fmt: skip
 """1 sigma of what a few labels may not show, about the given camera."""
 FOCAL_SIGMA, CENTRE_SIGMA = 0.2, 0.02
 """The same of the focal length, as part of it, and of the principal point, as part of the width of the picture."""

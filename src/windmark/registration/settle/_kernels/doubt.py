@@ -87,7 +87,7 @@ def _cameras(sights: Sights, state: State) -> tuple[float, Array]:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def doubted_kernel(camera: Array, size: Array) -> Array:
-    """(21, 5) how a packed camera of an image's size (2,) may be wrong, see `DOUBTS` and `Sights.loose`."""
+    """(22, 5) how a packed camera of an image's size (2,) may be wrong, see `DOUBTS` and `Sights.loose`."""
     columns, diagonal = np.zeros((ROWS, COLUMNS)), math.hypot(size[0], size[1])
     columns[0, 0], columns[1, 1] = DOUBTED_FOCAL, DOUBTED_ASPECT
     columns[2, 2] = columns[3, 3] = DOUBTED_CENTRE * diagonal

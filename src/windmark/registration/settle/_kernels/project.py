@@ -11,7 +11,7 @@ from windmark.geometry._jit import nb
 from windmark.geometry._kernels import project_point, project_with_slopes
 from windmark.geometry.lens import BROWN
 from windmark.registration._kernels.growth import _move
-from windmark.registration.settle._kernels.state import PLACE, WIDE, Mask, Sights, State
+from windmark.registration.settle._kernels.state import PLACE, SHEAR, WIDE, Mask, Sights, State
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ def _place(rotation: Array, translation: Array, loose: Array, nuisance: Array, t
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def open_camera(given: Array, loose: Array, nuisance: Array, out: Array) -> None:
-    """A packed camera (16,) moved by nuisances (P,)."""
+    """A packed camera (17,) moved by nuisances (P,)."""
     out[:] = given
     for p in range(nuisance.shape[0]):
         out[0] *= math.exp(loose[0, p] * nuisance[p])
@@ -60,6 +60,7 @@ def open_camera(given: Array, loose: Array, nuisance: Array, out: Array) -> None
             out[i] += loose[i, p] * nuisance[p]
         for i in range(3):
             out[12 + i] += loose[WIDE + i, p] * nuisance[p]
+        out[16] += loose[SHEAR, p] * nuisance[p]
         if loose[4, p] != 0.0 or loose[5, p] != 0.0 or loose[8, p] != 0.0 or loose[WIDE, p] != 0.0:
             out[11] = math.inf  # another lens ends elsewhere; `project_point` sees where it folds
 
@@ -82,7 +83,7 @@ def see(sights: Sights, state: State, c: int, asked: Mask, xy: Array, by: Array)
     xyz, modes, bend, rot, rot_c, shift_c = (
         sights.xyz, sights.modes, state.bent, state.rotation, state.rotations[c], state.translations[c],
     )  # fmt: skip
-    cam, loose, offset, turn, other = state.camera[c], sights.loose[c], state.offset[c], np.empty((3, 3)), np.empty(16)
+    cam, loose, offset, turn, other = state.camera[c], sights.loose[c], state.offset[c], np.empty((3, 3)), np.empty(17)
     bends, open_, size = bend.shape[0], loose.shape[1], by.shape[2] - 3
     bent, own = size - bends, 6 + c * open_
     for i in range(3):
@@ -134,19 +135,18 @@ def _by_nuisances(
 ) -> None:
     """Derivatives by a camera's nuisances, of a point in its frame that it sees.
 
-    They are added. Those by the sensor's tilt, where it is tilted, and of a wide lens are difference quotients
+    They are added. Those by tilt or shear of the sensor, where it has one, and of a wide lens are difference quotients
     (``other`` is scratch).
     """
     xn, yn = x / z, y / z  # a wide lens, which may see behind, is of the quotients
     s, fx, fy, aspect = xn * xn + yn * yn, camera[0], camera[0] * camera[1], camera[1]
     k1, k2, p1, p2, k3 = camera[4], camera[5], camera[6], camera[7], camera[8]
-    radial, tilted = (
-        1.0 + s * (k1 + s * (k2 + s * k3)), camera[9] != 0.0 or camera[10] != 0.0 or camera[15] != BROWN,
-    )  # fmt: skip
+    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    tilted = camera[9] != 0.0 or camera[10] != 0.0 or camera[15] != BROWN or camera[16] != 0.0
     from_u = fx * (xn * radial + 2.0 * p1 * xn * yn + p2 * (s + 2.0 * xn * xn))
     from_v = fy * (yn * radial + p1 * (s + 2.0 * yn * yn) + 2.0 * p2 * xn * yn)
     for p in range(loose.shape[1]):
-        if tilted or loose[9, p] != 0.0 or loose[10, p] != 0.0:
+        if tilted or loose[9, p] != 0.0 or loose[10, p] != 0.0 or loose[SHEAR, p] != 0.0:
             by_u, by_v = _quotients(camera, loose, p, x, y, z, other)
             u[start + p] += by_u
             v[start + p] += by_v
@@ -170,12 +170,14 @@ def _quotients(camera: Array, loose: Array, p: int, x: float, y: float, z: float
         other[i] += H * loose[i, p]
     for i in range(3):
         other[12 + i] += H * loose[WIDE + i, p]
+    other[16] += H * loose[SHEAR, p]
     u1, v1, good1 = project_point(other, x, y, z)
     other[0] = camera[0] * math.exp(-H * loose[0, p])
     for i in range(1, 11):
         other[i] = camera[i] - H * loose[i, p]
     for i in range(3):
         other[12 + i] = camera[12 + i] - H * loose[WIDE + i, p]
+    other[16] = camera[16] - H * loose[SHEAR, p]
     u0, v0, good0 = project_point(other, x, y, z)
     if not (good0 and good1):
         return 0.0, 0.0

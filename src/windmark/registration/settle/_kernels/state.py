@@ -33,8 +33,8 @@ explains better; the false-alarm number; which of the prefixes counts."""
 REST, REST_PX, HELD, HELD_PX, OPEN = range(5)
 """Columns of `State.open`: the marker without a spot whose place is most open (-1: none), and its 1 sigma (px); the
 marker whose place the pairs without its own leave most open, and that."""
-PLACE, WIDE, ROWS = 12, 18, 21
-"""Of `Sights.loose`: the first row of a camera's place in the rig, of k4 to k6, and the number of rows."""
+PLACE, WIDE, SHEAR, ROWS = 12, 18, 21, 22
+"""Of `Sights.loose`: the first row of a camera's place in the rig and of k4 to k6, that of the shear, and how many."""
 
 
 class Sights(NamedTuple):
@@ -60,10 +60,10 @@ class Sights(NamedTuple):
     size: Array  # (C, 2) of the images
     radius: Array  # (C,) px, of the spots; 0 where unknown
     tolerance: Array  # (C,) px, the neighbourhood of the search
-    camera: Array  # (C, 16) `Camera.packed`, as given
-    loose: Array  # (C, 21, P) change by 1 sigma of each nuisance: of the packed camera, row 0 of the log focal length;
+    camera: Array  # (C, 17) `Camera.packed`, as given
+    loose: Array  # (C, 22, P) change by 1 sigma of each nuisance: of the packed camera, row 0 of the log focal length;
     # from row 12 on of its place [rotation 3, translation 3 in sizes of the model], which comes after cam_from_rig;
-    # from row 18 on of k4, k5, k6
+    # from row 18 on of k4, k5, k6, shear
 
 
 class State(NamedTuple):
@@ -73,7 +73,7 @@ class State(NamedTuple):
     translation: Array  # (3,)
     nuisance: Array  # (C, P)
     bent: Array  # (K,)
-    camera: Array  # (C, 16) with the nuisances
+    camera: Array  # (C, 17) with the nuisances
     rotations: Array  # (C, 3, 3) as each camera sees the model
     translations: Array  # (C, 3)
     numbers: Array  # (C, 4) see EXCESS and the names beside it
