@@ -153,7 +153,7 @@ def _pattern(result: Calibration) -> list[Finding]:
                     "lens",
                     f"{name}: mean residuals over the sensor are {g2(of_map.excess)} times what noise would "
                     "leave: the lens model misses something",
-                    "free k3 or the sensor's tilt (--free)",
+                    "free k3, the sensor's tilt or its shear (--free)",
                 )
             )
     return out
