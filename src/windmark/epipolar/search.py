@@ -143,7 +143,8 @@ def grown(
 ) -> tuple[Ints, Array, Array, Array]:
     """Rows (C, V), coordinates, covariances and log(p / q) without that of the pair, of the pairs ``found`` (C, 2).
 
-    A pair is given up when, at first sight, more than ``patience`` more views have no spot for it than have one.
+    Best first, as `grow_points` wants them; -inf of pairs without a point or with the same points as others. A pair is
+    given up when, at first sight, more than ``patience`` more views have no spot for it than have one.
     """
     rows = np.full((len(found), len(stations.near)), -1, dtype=np.int64)
     each, first, second = np.arange(len(found)), found[:, 0], found[:, 1]
@@ -151,8 +152,7 @@ def grown(
     rows[each, spots.views[second]] = second
     xyz, cov, gain = np.empty((len(found), 3)), np.empty((len(found), 3, 3)), np.empty(len(found))
     grow_points(stations, spots, free, rows, spots.views[first], gate**2, patience, xyz, cov, gain)
-    kept = (rows[each, spots.views[first]] == first) & (rows[each, spots.views[second]] == second)
-    return rows, xyz, cov, np.where(kept, gain, -np.inf)
+    return rows, xyz, cov, gain
 
 
 def _best_of_pairs(pair: Ints, gain: Array) -> Ints:
@@ -179,6 +179,8 @@ def _one_round(stations: Stations, spots: Spots, free: Mask, pairs: Ints, depth:
     if criteria.rough:
         best = _best_of_pairs(spots.views[found] @ np.array([len(stations.near), 1]), pair_gain)
         found, pair_gain = found[best], pair_gain[best]
+    promising = np.argsort(-pair_gain, kind="stable")
+    found, pair_gain = found[promising], pair_gain[promising]
     rows, xyz, cov, gain = grown(
         stations, spots, free, found, criteria.gate, PATIENCE if criteria.rough else len(stations.near)
     )

@@ -31,6 +31,9 @@ RIVAL = 9.0
 """A second spot less than this much worse (difference of the squared distances) leaves the choice open."""
 LOOSE = 0.5
 """The first depth is not known better than this part of it: a start for the two rays' own information."""
+REPEATS, REMEMBERED = 4, 8
+"""A pair whose spots so many points have already, both of them, is not grown: it would be that point once more, as of n
+pictures of a point n (n - 1) / 2 pairs are. Of each spot so many points are remembered."""
 
 
 @nb.njit(cache=True, nogil=True)
@@ -40,16 +43,24 @@ def grow_points(
 ) -> None:  # fmt: skip
     """Grow H hypotheses: ``rows`` (H, V) hold the spots that each starts with and then those that it has.
 
-    ``start`` (H,) is the view whose neighbours come first; ``xyz`` (H, 3), ``cov`` (H, 3, 3) and ``gain`` (H,), the
+    The most promising pair first: of those that are in `REPEATS` points already none is grown. ``start`` (H,) is the
+    view whose neighbours come first; ``xyz`` (H, 3), ``cov`` (H, 3, 3) and ``gain`` (H,), the
     sum of log(p / q) over the spots taken (p the density of the spot there when it is the point's, q that of spots by
-    chance), are results; gain is -inf where there is no point, or more than ``patience`` more
-    views have, at first sight, no spot than have one.
+    chance), are results; gain is -inf where there is no point, or none of its own, the pair's spots are not in it at
+    the end, or more than ``patience`` more views have, at first sight, no spot than have one.
     """
     views = len(stations.near)
     each = np.empty(views)
+    points, number = np.empty((len(spots.views), REMEMBERED), np.int64), np.zeros(len(spots.views), np.int64)
     for h in range(len(rows)):
         x, c, row = xyz[h], cov[h], rows[h]
         gain[h] = -math.inf
+        s, t = pair_of(row)
+        met = 0
+        for k in range(number[s]):
+            met += rows[points[s, k], spots.views[t]] == t
+        if met >= REPEATS:
+            continue
         for v in range(views):
             each[v] = 0.0
         if not place(stations, spots, row, x, c):
@@ -66,23 +77,35 @@ def grow_points(
             continue
         if not settle(stations, spots, row, gate2, x, c):
             continue
+        if row[spots.views[s]] != s or row[spots.views[t]] != t:
+            continue
         gain[h] = 0.0
         for v in range(views):
             if row[v] >= 0:
                 gain[h] += each[v]
+                if number[row[v]] < REMEMBERED:
+                    points[row[v], number[row[v]]] = h
+                    number[row[v]] += 1
+
+
+@nb.njit(cache=True, nogil=True)
+def pair_of(row: Ints) -> tuple[int, int]:
+    """The first two spots of a row."""
+    first, second = -1, -1
+    for v in range(len(row)):
+        if row[v] >= 0:
+            if first < 0:
+                first = row[v]
+            elif second < 0:
+                second = row[v]
+    return first, second
 
 
 @nb.njit(cache=True, nogil=True)
 def place(stations: Stations, spots: Spots, row: Ints, x: Array, c: Array) -> bool:
     """The point and its covariance from the spots of a row (two at least): the first two rays, then Gauss-Newton."""
-    a, b = -1, -1
-    for v in range(len(row)):
-        if row[v] >= 0:
-            if a < 0:
-                a = v
-            elif b < 0:
-                b = v
-    s, t = row[a], row[b]
+    s, t = pair_of(row)
+    a, b = spots.views[s], spots.views[t]
     if not between_rays(
         stations.rotation[a], stations.center[a], spots.xy[s, 0], spots.xy[s, 1],
         stations.rotation[b], stations.center[b], spots.xy[t, 0], spots.xy[t, 1], x,

@@ -12,6 +12,9 @@ from windmark.io import MatchTable
 from windmark.scene import MarkerSet, Observations, View
 from windmark.tasks.calibrate.marks import Marks, taken_by, with_sigma
 
+CUT = 0.01
+"""How far outside of a picture a mark may be, in parts of its size."""
+
 
 def from_table(
     table: MatchTable,
@@ -52,7 +55,10 @@ def from_table(
     )
     for v, of in enumerate(views):
         camera, own = cameras[of.camera], np.flatnonzero(view == v)
-        for k in own[~camera.in_image(table.xy[own])][:1].tolist():
+        # A disc that the border cuts may have its centre outside.
+        middle = (np.array(camera.size_px) - 1) / 2
+        near = middle + (table.xy[own] - middle) / (1 + 2 * CUT)
+        for k in own[~camera.in_image(near)][:1].tolist():
             raise UsageError(
                 f"{table.name[k]} in {of.name or 'the picture'} is at {table.xy[k, 0]:.1f}, {table.xy[k, 1]:.1f} px, "
                 f"outside the {camera.size_px[0]} x {camera.size_px[1]} px of its camera (--size, or the camera's file)"

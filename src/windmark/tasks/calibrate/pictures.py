@@ -20,7 +20,7 @@ from windmark.geometry import Camera
 from windmark.options.calibration import MATCH_TIME_S
 from windmark.options.registration import SEED
 from windmark.registration import CONTRADICTED, NotRegistered, Registration
-from windmark.scene import MarkerSet, Observations, View
+from windmark.scene import Detections, MarkerSet, Observations, View
 from windmark.tasks.calibrate.beside import beside_their_place
 from windmark.tasks.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, with_lens
 from windmark.tasks.calibrate.marks import Marks, with_sigma
@@ -175,7 +175,9 @@ def _in_rounds(
     for n in range(1, ROUNDS + 1):
         with stage("match"):
             anew = doubtful if n > 2 else {p.name for p in pictures}
-            pictures = [_match(p, known, found[p.camera], how_to_match, how, n, p.name in anew) for p in pictures]
+            pictures = [
+                _match(p, known, found[p.camera], how_to_match, how, n, excess, p.name in anew) for p in pictures
+            ]
         matched = sum(p.registration is not None for p in pictures)
         if matched < LEAST_PICTURES:
             return _too_few(pictures, n), tuple(pictures)
@@ -191,7 +193,7 @@ def _in_rounds(
         # A picture that lost all of its marks is not suspect but gone.
         doubtful = {*_lost_most(calibration), *calibration.dropped} & {p.name for p in pictures if p.count}
     pictures = [
-        _without_labels(p, known, found[p.camera], how_to_match) if p.name in doubtful else p for p in pictures
+        _without_labels(p, known, found[p.camera], how_to_match, excess) if p.name in doubtful else p for p in pictures
     ]
     marks = _marks(pictures, markers, found, excess)
     with stage("lens"):
@@ -208,7 +210,7 @@ def _lost_most(calibration: Calibration) -> list[str]:
 
 
 def _without_labels(
-    picture: MatchedPicture, known: MarkerSet, camera: Camera, options: MatchSettings
+    picture: MatchedPicture, known: MarkerSet, camera: Camera, options: MatchSettings, excess_px: float
 ) -> MatchedPicture:
     """A picture that matches by itself, but most of whose marks contradict the others to the end.
 
@@ -216,8 +218,9 @@ def _without_labels(
     """
     problem = "most of its marks contradict the other pictures: wrong labels, or the markers moved"
     answer = registration.register(
-        picture.detections, known, camera, max_deformation=0.0, max_time_s=options.max_time_s, seed=options.seed
-    )
+        _as_uncertain(picture.detections, excess_px), known, camera, max_deformation=0.0,
+        max_time_s=options.max_time_s, seed=options.seed,
+    )  # fmt: skip
     if isinstance(answer, NotRegistered) and answer.cause in CONTRADICTED:
         problem = f"most of its marks contradict the other pictures: {answer.reason}"
     return replace(picture, registration=None, problem=problem, round=0)
@@ -245,9 +248,14 @@ def _match(
     options: MatchSettings,
     how: dict[str, Any],
     n: int,
+    excess_px: float,
     anew: bool,
 ) -> MatchedPicture:
-    """Match one picture; ``how`` is empty where camera and markers are known, ``anew`` forgets the last labels."""
+    """Match one picture; ``how`` is empty where camera and markers are known, ``anew`` forgets the last labels.
+
+    ``excess_px`` is what the residuals of the last calibration have beyond the detector's noise: here as there, lens
+    and light leave it, and a judge who knows of none takes a real lens for a bent model.
+    """
     if picture.unread:
         return picture
     xy = picture.detections.xy
@@ -259,7 +267,7 @@ def _match(
     # Labels of the first round are put to the test again, and later ones that contradict other pictures.
     last = None if anew else picture.registration
     answer = registration.register(
-        picture.detections, markers, camera, fixed=picture.fixed, prior=last.cam_from_model if last else None,
+        _as_uncertain(picture.detections, excess_px), markers, camera, fixed=picture.fixed, prior=last.cam_from_model if last else None,
         tolerance_px=tolerance if how else None, free_focal=True, max_focal_sigma=ROUGH_FOCAL, max_deformation=0.0,
         min_margin=LEAD * float(np.sqrt(2 * len(markers))),
         max_time_s=options.max_time_s, seed=options.seed, **(how or {"focal_range": KNOWN_FOCAL}),
@@ -268,6 +276,11 @@ def _match(
         return replace(picture, registration=answer, problem="", round=picture.round or n)
     apart = "; the label of a marker in some pictures tells labellings apart"
     return replace(picture, registration=None, problem=answer.reason + apart * (answer.cause == "ambiguous"))
+
+
+def _as_uncertain(spots: Detections, excess_px: float) -> Detections:
+    """Spots with so much noise beyond the detector's."""
+    return replace(spots, cov=with_sigma(spots.cov, 0.1) + excess_px**2 * np.eye(2)) if excess_px else spots
 
 
 def _marks(
@@ -282,7 +295,7 @@ def _marks(
         view.append(np.full(len(pairs), v, dtype=np.int64))
         point.append(pairs.marker.astype(np.int64))
         xy.append(p.detections.xy[pairs.detection])
-        cov.append(with_sigma(p.detections.cov[pairs.detection], 0.1) + excess_px**2 * np.eye(2))
+        cov.append(with_sigma(_as_uncertain(p.detections, excess_px).cov[pairs.detection], 0.1))
         # A flagged outline (cut by the border, touched, in clutter) is not that of the disc.
         clean = p.detections.flags[pairs.detection, None] == 0
         ellipses.append(np.where(clean, p.detections.ellipses[pairs.detection], np.nan))

@@ -49,6 +49,11 @@ class Answers:
     changed: bool
     doubts: tuple[Doubt, ...] = ()
 
+    @property
+    def silent(self) -> bool:
+        """Whether none said otherwise."""
+        return not (self.moved or self.out or self.doubts)
+
     def applied(self, structure: Structure) -> Structure:
         """The structure with the pictures where they belong."""
         gone = [*self.out, *self.moved]

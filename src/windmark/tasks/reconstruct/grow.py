@@ -113,6 +113,8 @@ def grow(
         return structure, found_by
     names = point_names(len(result[0].xyz))
     answers = asked_again(task, views, *result, names, found_by, last=False)
+    if answers.silent and structure.posed == sorted(views):
+        return replace(structure, asked=result[0].links), found_by
     better = refined(task, compact(answers.applied(result[0]))) if answers.changed else None
     if better is None:
         return structure, found_by

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FINAL_ROUNDS = 3
+SAME_LINKS = 0.001
+"""Part of the links that may differ where they are called the same."""
 ASKED = 6
 """Times that pictures may move after everything was adjusted; then they are left out."""
 ALONE = "nothing connects it with the others"
@@ -161,7 +163,9 @@ def _confirmed(
     how = known.group.found_by
     for asked in range(ASKED + 2):
         structure, result, names, linked_marks = _in_frame(task, structure, frame, free)
-        if asked > ASKED:
+        # All were asked with these links already, and with these cameras.
+        said = not free and structure.posed == sorted(task.usable) and _same_links(structure, known.group.structure.asked)
+        if asked > ASKED or (asked == 0 and said):
             break
         answers = asked_again(task, task.usable, structure, result, names, how, last=asked == ASKED)
         how = how | dict.fromkeys(answers.moved, "register")
@@ -170,6 +174,11 @@ def _confirmed(
             break
         structure = compact(answers.applied(structure))
     return structure, result, names, linked_marks, how, replace(answers, out=out)
+
+
+def _same_links(structure: Structure, links: frozenset[tuple[int, int]]) -> bool:
+    """Whether a structure has these links (view, spot)."""
+    return len(structure.links ^ links) <= SAME_LINKS * len(structure.point)
 
 
 def _in_frame(
@@ -188,7 +197,7 @@ def _in_frame(
         structure, calibration = result
         frame.adjusted(structure, names)
         again = compact(linked(task, structure))
-        if linkings == FINAL_ROUNDS or len(_spots(again) ^ _spots(before)) <= 0.001 * len(before.point):
+        if linkings == FINAL_ROUNDS or _same_links(before, again.links):
             break
         structure = again
     structure, kept = _with_left_out(before, structure, calibration, names, again)
@@ -216,11 +225,6 @@ def _with_left_out(
     for k in np.flatnonzero(~kept):
         kept[k] = owner.get((int(view[k]), int(spot[k])), -1) == same.get(int(point[k]), -2)
     return replace(structure, view=view[kept], point=point[kept], spot=spot[kept]), kept
-
-
-def _spots(structure: Structure) -> set[tuple[int, int]]:
-    """Spots (view, spot) that belong to a point."""
-    return set(zip(structure.view.tolist(), structure.spot.tolist(), strict=True))
 
 
 def _other_primaries(task: Task, calibration: Calibration) -> dict[str, str]:

@@ -36,6 +36,7 @@ class Structure:
     poses : {view: cam_from_model}
     pose_cov : {view: (6, 6)}; empty before the first adjustment
     cameras : by name
+    asked : links (view, spot) with which every picture that is to have a pose was asked again (`again`), and stays
     """
 
     xyz: Array
@@ -45,6 +46,12 @@ class Structure:
     poses: Mapping[int, Pose]
     pose_cov: Mapping[int, Array]
     cameras: Mapping[str, Camera]
+    asked: frozenset[tuple[int, int]] = frozenset()
+
+    @property
+    def links(self) -> frozenset[tuple[int, int]]:
+        """Spots (view, spot) that belong to a point."""
+        return frozenset(zip(self.view.tolist(), self.spot.tolist(), strict=True))
 
     @property
     def posed(self) -> list[int]:
