@@ -11,6 +11,7 @@ from windmark.app import console
 from windmark.calibration import Distance, Fixed, Free, Weighted
 from windmark.calibration.datum import Datum
 from windmark.calibration.self_calibrate import FREE, FREE_OF
+from windmark.calibration.setup import FOCUS
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera
 from windmark.pipeline.calibrate import Board
@@ -126,8 +127,8 @@ def parse_priors(texts: Sequence[str]) -> dict[str, float]:
     out = {}
     for text in texts:
         name, _, end = text.partition("=")
-        if name not in PARAMETERS:
-            raise UsageError(f"--prior-sigma: {name!r} is none of {', '.join(PARAMETERS)}")
+        if name not in (*PARAMETERS, FOCUS):
+            raise UsageError(f"--prior-sigma: {name!r} is none of {', '.join((*PARAMETERS, FOCUS))}")
         out[name] = _number(end, "--prior-sigma", "PARAMETER=sigma")
         if not out[name] > 0:
             raise UsageError(f"--prior-sigma: sigma must be > 0, got {text!r}")

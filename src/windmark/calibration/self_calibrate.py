@@ -76,7 +76,8 @@ def self_calibrate(
     distances : known distances, which give a free network its scale
     rig : views with the same ``frame`` were taken at once by cameras that do not move against each other
     free_focal : views whose focal length may differ from that of their camera, as the focus distance did (Fig. 6)
-    prior_sigma : 1 sigma of free parameters round the start values, by name
+    prior_sigma : 1 sigma of free parameters round the start values, by name; of "focus" that of the relative changes of
+        the focal length in the views of ``free_focal``, which may be all then: a camera that focuses by itself
     eccentricity : the image of a disc's centre is not the centre of its image. "auto" corrects with the normals (and,
         where the table has none, the radii) that the ellipses tell; of markers whose ellipses tell none with the
         table's normals, then that of the surface through the neighbouring markers, or, where there is none, of the

@@ -25,6 +25,10 @@ LEAST_MARKS, LEAST_VIEWS = 4, 2
 """Levenberg-Marquardt, or the paper's growing and shrinking steps."""
 
 
+FOCUS = "focus"
+"""In ``prior_sigma``: how far the focal lengths of single views are from their camera's, relative."""
+
+
 @dataclass(frozen=True)
 class Job:
     """A calibration, checked, before anything is solved.
@@ -37,7 +41,8 @@ class Job:
     datum, distances : as given
     rig : views of one frame share a pose of the rig
     free_focal : names of views with a focal length of their own
-    prior_sigma : 1 sigma of free parameters round the start values, by name
+    prior_sigma : 1 sigma of free parameters round the start values, by name; of `FOCUS` that of the relative changes
+        of the focal length in the views of ``free_focal``
     solver : see `options.calibration`
     ellipses : (O, 3) half axes and direction of the marks' ellipses
     """
@@ -77,7 +82,7 @@ class Job:
                 f"self_calibrate: marker {markers.name[obs.point[o]]} is observed more than once in view "
                 f"{views[int(obs.view[o])].name}; {int((count > 1).sum())} such pairs"
             )
-        wrong = [p for p in (*self.free, *self.prior_sigma) if p not in PARAMETERS]
+        wrong = [p for p in (*self.free, *self.prior_sigma) if p not in PARAMETERS and (p in self.free or p != FOCUS)]
         if wrong:
             raise UsageError(f"self_calibrate: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
         lenses = {c.lens for c in self.cameras.values()}
@@ -87,6 +92,8 @@ class Job:
                 f"self_calibrate: free: a {' or '.join(sorted(lenses))} lens has no {lacking[0]}; it has "
                 f"{', '.join(LENS_PARAMETERS[min(lenses)])}"
             )
+        if FOCUS in self.prior_sigma and not self.prior_sigma[FOCUS] > 0:
+            raise UsageError(f"self_calibrate: prior_sigma: {FOCUS} must be > 0, got {self.prior_sigma[FOCUS]}")
         missing = sorted(set(self.free_focal) - set(names))
         if missing:
             raise UsageError(f"self_calibrate: free_focal names unknown views {', '.join(missing[:5])}")
@@ -208,7 +215,7 @@ def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
         point_value=value, point_sigma=sigma, bars=bars_of(job), together=tied,
         weight=None if weight is None else weight[taken],
         camera_value=[{k: float(getattr(c, k)) for k in p} for c, p in zip(job.cameras.values(), own, strict=False)],
-        camera_sigma=own,
+        camera_sigma=own, focal_sigma=np.full(len(views), focus) if (focus := job.prior_sigma.get(FOCUS)) else None,
     )  # fmt: skip
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from windmark import registration
 from windmark.calibration import Calibration, Free, NotCalibrated
 from windmark.calibration.self_calibrate import usual_free
-from windmark.geometry import Camera
+from windmark.calibration.setup import FOCUS
+from windmark.geometry import PARAMETERS, Camera
 from windmark.options.calibration import MATCH_TIME_S
 from windmark.options.registration import SEED
 from windmark.registration import CONTRADICTED, NotRegistered, Registration
@@ -26,6 +27,7 @@ from windmark.tasks.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, wi
 from windmark.tasks.calibrate.marks import Marks, with_sigma
 from windmark.tasks.calibrate.picture import Picture, excess_px
 from windmark.tasks.calibrate.run import (
+    EVERY,
     Calibrated,
     CalibrateSettings,
     adjusted,
@@ -49,6 +51,11 @@ LEAD = 4.0
 """Lead over the next best labelling, in sigma of what chance gives. Two labellings whose misfits are both the markers'
 errors differ by chance: N markers have 2 N residuals, and N log of the ratio of two variances that are estimated from
 them scatters by sqrt(2 N)."""
+REFOCUSED = 0.003
+"""Relative sigma of the pictures' focal lengths while they are matched: as a consumer's camera focuses anew."""
+LOOSE = 0.003
+"""1 sigma of aspect, principal point (in diagonals) and lens (in the corners) from the second round on: a lens that
+moves to focus takes them along, and this must not cost a picture its labels either."""
 ROUNDS, LEAST_PICTURES = 6, 3
 FEWER = (("focal_px", "cx", "cy", "k1", "k2"), ("focal_px", "k1"))
 """Parameters for a first calibration from too few pictures for all that were asked for."""
@@ -267,7 +274,8 @@ def _match(
     # Labels of the first round are put to the test again, and later ones that contradict other pictures.
     last = None if anew else picture.registration
     answer = registration.register(
-        _as_uncertain(picture.detections, excess_px), markers, camera, fixed=picture.fixed, prior=last.cam_from_model if last else None,
+        _as_uncertain(picture.detections, excess_px), markers, camera if how else _as_loose(camera),
+        fixed=picture.fixed, prior=last.cam_from_model if last else None,
         tolerance_px=tolerance if how else None, free_focal=True, max_focal_sigma=ROUGH_FOCAL, max_deformation=0.0,
         min_margin=LEAD * float(np.sqrt(2 * len(markers))),
         max_time_s=options.max_time_s, seed=options.seed, **(how or {"focal_range": KNOWN_FOCAL}),
@@ -281,6 +289,14 @@ def _match(
 def _as_uncertain(spots: Detections, excess_px: float) -> Detections:
     """Spots with so much noise beyond the detector's."""
     return replace(spots, cov=with_sigma(spots.cov, 0.1) + excess_px**2 * np.eye(2)) if excess_px else spots
+
+
+def _as_loose(camera: Camera) -> Camera:
+    """A camera as little known as `LOOSE`: calibrated from some of the pictures, and focused anew for others."""
+    edge = 0.5 * float(np.hypot(*camera.size_px))
+    middle, lens = 2 * LOOSE * edge, LOOSE * (camera.focal_px / edge) ** 2
+    sigma = {"aspect": LOOSE, "cx": middle, "cy": middle, "k1": lens}
+    return replace(camera, cov=np.diag([sigma.get(p, 0.0) ** 2 for p in PARAMETERS]))
 
 
 def _marks(
@@ -308,9 +324,14 @@ def _marks(
 def _first(marks: Marks, settings: CalibrateSettings) -> Calibration | NotCalibrated:
     """A calibration from the pictures so far, with fewer parameters where there are few; a free network.
 
-    No rig yet: its cameras may have no instant in common among these pictures.
+    No rig yet: its cameras may have no instant in common among these pictures. Focal lengths may differ by `REFOCUSED`
+    if nothing else is asked for: a camera that focuses by itself would have its lens and the markers bent until all
+    pictures have one, and the pictures that are not in yet would contradict that.
     """
     settings = replace(settings, max_sigma0=np.inf, rig=False)
+    if not settings.free_focal:
+        focus = {**settings.prior_sigma, FOCUS: REFOCUSED}
+        settings = replace(settings, free_focal=EVERY, prior_sigma=focus)
     usual = usual_free(marks.cameras.values()) if settings.free is None else settings.free
     result = adjusted(marks, settings, Free())
     for fewer in FEWER:

@@ -164,8 +164,8 @@ def _confirmed(
     for asked in range(ASKED + 2):
         structure, result, names, linked_marks = _in_frame(task, structure, frame, free)
         # All were asked with these links already, and with these cameras.
-        said = not free and structure.posed == sorted(task.usable) and _same_links(structure, known.group.structure.asked)
-        if asked > ASKED or (asked == 0 and said):
+        same = structure.posed == sorted(task.usable) and _same_links(structure, known.group.structure.asked)
+        if asked > ASKED or (asked == 0 and same and not free):
             break
         answers = asked_again(task, task.usable, structure, result, names, how, last=asked == ASKED)
         how = how | dict.fromkeys(answers.moved, "register")
