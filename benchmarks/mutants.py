@@ -50,7 +50,9 @@ ROOMS = [
 STRICT = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 """Comparisons that differ at the bound alone."""
 FACTOR = 1.25
-"""Of a constant that is no whole number."""
+"""Of a constant that is no whole number, or a large one."""
+MANY = 100
+"""Whole numbers from here on are amounts: one more makes no difference."""
 GUARD = 1e-8
 """Constants below are there for rounding."""
 
@@ -113,7 +115,7 @@ def _instead(node: ast.expr) -> Iterator[ast.expr]:
         if isinstance(value, bool):
             yield ast.Constant(not value)
         elif isinstance(value, int):
-            yield ast.Constant(value + 1)
+            yield ast.Constant(value + 1 if value < MANY else round(value * FACTOR))
         elif isinstance(value, float) and value:
             yield ast.Constant(value * FACTOR if value >= GUARD else 0.0)
     elif isinstance(node, ast.Compare):
