@@ -7,9 +7,10 @@ changed file first. A change that no test sees is either a line without a test, 
 list of those has to be read.
 
 Changes that cannot make a difference are not drawn: ``strict`` of `zip`, which says what holds already; any other
-negative length in ``reshape``, which NumPy takes for -1; ``<`` for ``<=`` beside a number such as 0.3, which computed
-values do not hit (they are still turned round, and the number is changed). A number below 1e-8 guards against rounding
-or a division by zero, and is as good a guard a quarter larger: it becomes 0, no guard.
+negative length in ``reshape``, which NumPy takes for -1; ``<`` for ``<=`` beside a number such as 0.3 or one of the
+file's constants that has a decimal point, which computed values do not hit (they are still turned round, and the number
+is changed). A number below 1e-8 guards against rounding or a division by zero, and is as good a guard a quarter larger:
+it becomes 0, no guard.
 
     python benchmarks/mutants.py adjust epipolar --count 20 --seed 1
     python benchmarks/mutants.py calibration --at calibration/solve.py:190
@@ -78,11 +79,12 @@ def changes(path: Path) -> list[Change]:
     starts = [0]
     for text in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(text))
-    found = []
-    for node in _code(ast.parse(source)):
+    found, tree = [], ast.parse(source)
+    bounds = _bounds(tree)
+    for node in _code(tree):
         start, end = starts[node.lineno - 1] + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
         was = source[start:end].decode()
-        for other in _instead(node):
+        for other in _instead(node, bounds):
             now = ast.unparse(other)
             now = now if isinstance(node, ast.Constant) else f"({now})"
             found.append(Change(path.relative_to(PACKAGE).as_posix(), node.lineno, start, end, was, now))
@@ -108,8 +110,8 @@ def _code(node: ast.AST) -> Iterator[ast.expr]:
                 yield from _code(child)
 
 
-def _instead(node: ast.expr) -> Iterator[ast.expr]:
-    """What may stand in place of an expression."""
+def _instead(node: ast.expr, bounds: set[str]) -> Iterator[ast.expr]:
+    """What may stand in place of an expression; ``bounds`` are names of constants with a decimal point."""
     if isinstance(node, ast.Constant):
         value = node.value
         if isinstance(value, bool):
@@ -122,7 +124,7 @@ def _instead(node: ast.expr) -> Iterator[ast.expr]:
         sides = [node.left, *node.comparators]
         for k, op in enumerate(node.ops):
             for other in SWAPS.get(type(op), ()):
-                if other is STRICT.get(type(op)) and any(_between(s) for s in sides[k : k + 2]):
+                if other is STRICT.get(type(op)) and any(_between(s, bounds) for s in sides[k : k + 2]):
                     continue
                 new = copy.deepcopy(node)
                 new.ops[k] = other()
@@ -139,10 +141,34 @@ def _instead(node: ast.expr) -> Iterator[ast.expr]:
         yield ast.IfExp(node.test, node.orelse, node.body)
 
 
-def _between(node: ast.expr) -> bool:
-    """Whether it is a number that is not whole, or its negative."""
-    value = node.operand if isinstance(node, ast.UnaryOp) else node
-    return isinstance(value, ast.Constant) and isinstance(value.value, float) and not value.value.is_integer()
+def _between(node: ast.expr, bounds: set[str]) -> bool:
+    """Whether it is a number that is not whole, its negative, such a constant, or so many times something."""
+    if isinstance(node, ast.UnaryOp):
+        return _between(node.operand, bounds)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+        return _between(node.left, bounds) or _between(node.right, bounds)
+    if isinstance(node, ast.Name):
+        return node.id in bounds
+    return isinstance(node, ast.Constant) and isinstance(node.value, float) and not node.value.is_integer()
+
+
+def _bounds(tree: ast.Module) -> set[str]:
+    """Names that a file gives to numbers with a decimal point."""
+    found = set()
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and len(node.targets) == 1:
+            names, values = node.targets[0], node.value
+            pairs = zip(names.elts, values.elts, strict=True) if _are_tuples(names, values) else [(names, values)]
+            found |= {n.id for n, v in pairs if isinstance(n, ast.Name) and _is_float(v)}
+    return found
+
+
+def _are_tuples(*nodes: ast.expr) -> bool:
+    return all(isinstance(n, ast.Tuple) for n in nodes)
+
+
+def _is_float(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, float)
 
 
 def tests_of(room: str) -> list[str]:
