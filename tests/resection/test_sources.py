@@ -159,7 +159,7 @@ def test_places_of_points_that_are_not_known_are_in_their_values(rng):
 
 
 def test_next_to_an_outline_a_value_may_be_anywhere_within_the_mixed_pixels(rng):
-    y, x = np.mgrid[:30, :40].astype(float)
+    _, x = np.mgrid[:30, :40].astype(float)
     ready = replace(source(2.0 * x), inside_px=np.abs(x - 20.0))
     xy = np.array([[20.0, 8.0], [20 + 0.9 * EDGE_PX, 8.0], [20 + 1.1 * EDGE_PX, 8.0], [5.0, 9.0]])
     # Evenly within +- EDGE_PX: a third of its square.
