@@ -19,7 +19,7 @@ def field(a, b):
 
 
 def kriged(node, at, t):
-    """Mean and covariance of the field at nodes given readings, the mean of all unknown: as a very large common part."""
+    """Mean and covariance of the field at nodes given readings, the mean of all unknown: a very large common part."""
     vague = 1e5**2
     k = field(at, at) + vague + SIGMA**2 * np.eye(len(at))
     cross = field(node, at) + vague
