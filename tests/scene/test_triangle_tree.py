@@ -90,12 +90,13 @@ def test_neighbours_along_the_curve_share_their_cells():
         assert (np.diff(number) != 0).sum() + 1 == len(set(number.tolist())), level
 
 
-@pytest.mark.parametrize("count", [1, LEAF, LEAF + 1, 2 * LEAF + 1])
-def test_few_triangles_one_over_the_other(count):
+@pytest.mark.parametrize(("count", "leaves"), [(1, 1), (LEAF, 1), (LEAF + 1, 2), (2 * LEAF + 1, 4), (4 * LEAF, 4)])
+def test_few_triangles_one_over_the_other(count, leaves):
     """All have the same middle but in z; the eye above sees the topmost alone."""
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     xyz = np.concatenate([corners + np.array([0, 0, k]) for k in range(count)])
     tree = TriangleTree.of(wm.Mesh.make(xyz, np.arange(3 * count).reshape(-1, 3)))
+    assert tree.leaves == leaves
     eye, least = np.array([0.2, 0.2, 100.0]), np.full(count, 1e-9)
     points = np.array([[0.2, 0.2, k + d] for k in range(count) for d in (-0.5, 0.5)])
     np.testing.assert_array_equal(tree.hides(eye, points, least), [d < count - 1 for d in points[:, 2]])

@@ -30,6 +30,9 @@ def test_factors_between_the_pairs_are_none():
     assert mixed_units(12 * 0.99 * ALIKE, "in") == ("in", "ft")
     assert mixed_units(12 * 1.01 * ALIKE, "in") is None
     assert mixed_units(2.0, "mm") is None
+    assert mixed_units(25.4 * 1.25, "mm") == ("mm", "in")
+    assert mixed_units(25.4 * 1.4, "mm") is None
+    assert mixed_units(25.4 / 1.25, "mm") == ("mm", "in")
 
 
 def test_ratios_on_one_side_are_off_by_the_quartile_that_is_nearer_to_one():
