@@ -262,5 +262,5 @@ def test_markers_along_a_line_determine_a_similarity_alone(part, fits):
     if fits:
         _check_spread("affine", u, 500.0)
         return
-    with pytest.raises(DegenerateGeometry, match="affine is not determined: .* within 9 px .* 500 px long"):
+    with pytest.raises(DegenerateGeometry, match=r"affine is not determined: .* within 9 px .* 500 px long"):
         _check_spread("affine", u, 500.0)
