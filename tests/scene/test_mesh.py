@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from windmark.scene import Block, Mesh, structured_triangles
-from windmark.scene.mesh import LARGER, TOGETHER
+from windmark.scene.mesh import LARGER
 
 QUAD = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 CELL = np.array([[0, 1, 2], [0, 2, 3]])
@@ -156,10 +156,9 @@ def test_a_node_without_a_place_leaves_the_other_parts_their_sizes():
     assert np.isfinite(Mesh.make(lost, mesh.triangles).size)
 
 
-@pytest.mark.parametrize(("gap", "one"), [(0.8, True), (1.2, False)])
-def test_blocks_that_meet_are_one_piece(gap, one):
-    size = np.hypot(2, 1)
-    vertices = np.concatenate([QUAD, QUAD + np.array([1 + gap * TOGETHER * size, 0, 0])])
+@pytest.mark.parametrize(("gap", "one"), [(0.85e-6, True), (1.15e-6, False)])
+def test_blocks_that_meet_within_a_millionth_are_one_piece(gap, one):
+    vertices = np.concatenate([QUAD, QUAD + np.array([1 + gap * np.hypot(2, 1), 0, 0])])
     mesh = Mesh.make(vertices, np.concatenate([CELL, CELL + 4]))
     assert (mesh.pieces[0] == mesh.pieces[2]) == one
     assert mesh.pieces[0] == mesh.pieces[1]

@@ -60,6 +60,8 @@ def test_what_is_unknown_does_not_count_and_few_say_nothing():
         (1 / 1.85, "mm", "1.85 times too large for the imaged markers; diameters in their place?"),
         (1 / 2.15, "mm", "2.15 times too large for the imaged markers; diameters in their place?"),
         (1 / 1.75, "mm", "1.75 times too large for the imaged markers; another unit, or something else than radii?"),
+        (1 / 2.05, "in", "2.05 times too large for the imaged markers; diameters in their place?"),
+        (2.1, "cm", "2.1 times too small for the imaged markers; another unit, or something else than radii?"),
         (1 / 2.25, "in", "2.25 times too large for the imaged markers: radii in cm beside places in inch?"),
         (1 / 2.25, "ft", "2.25 times too large for the imaged markers; another unit, or something else than radii?"),
         (2.3, "in", "2.3 times too small for the imaged markers; another unit, or something else than radii?"),
