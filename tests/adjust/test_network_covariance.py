@@ -188,3 +188,23 @@ def test_in_another_frame_the_covariance_is_that_of_the_network_there(name):
     np.testing.assert_allclose(moved.points(), turned, rtol=1e-4, atol=1e-6 * turned.max())
     scale = np.sqrt(np.outer(*[np.diagonal(anew.dense())] * 2))
     np.testing.assert_allclose(moved.dense() / scale, anew.dense() / scale, atol=1e-4)
+
+
+@pytest.mark.parametrize("kept", [0, 30_000])
+def test_derivatives_are_those_of_the_values_that_are_asked_for(kept, monkeypatch):
+    """Kept for who asks again, and no others'."""
+    monkeypatch.setattr("windmark.adjust.network.problem.KEPT", kept)
+    case = networks.make(8, views=4, points=10)
+    problem = NetworkProblem(case.network, case.start)
+    expected = {}
+    for state in (case.start, case.truth):
+        expected[id(state)] = NetworkProblem(case.network, case.start).jacobian(state)
+    first, other = (expected[id(s)][0] for s in (case.start, case.truth))
+    assert not np.allclose(first, other)
+    for state in (case.start, case.start, case.truth, case.start, case.truth):
+        for got, want in zip(problem.jacobian(state), expected[id(state)], strict=True):
+            np.testing.assert_array_equal(got, want)
+    assert (problem.jacobian(case.truth)[0] is problem.jacobian(case.truth)[0]) == (kept > 0)
+    for state in (case.start, case.truth):
+        units, fresh = problem.units(state), NetworkProblem(case.network, case.start).units(state)
+        np.testing.assert_array_equal(units.frame_pivot, fresh.frame_pivot)
