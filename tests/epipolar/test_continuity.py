@@ -8,9 +8,11 @@ from windmark.epipolar.continuity import (
     NEIGHBOURS,
     ROUGH,
     SLOPE,
+    Family,
     Pairs,
     _best_one_to_one,
     _evidence,
+    _judged,
     _next_best,
     neighbours,
     predict,
@@ -100,3 +102,32 @@ def test_the_best_of_both_spots_and_the_next_best(seed):
     members = np.array(best)
     apart = [max([0.0, *(evidence[d] for d in rivals(c) if d not in best)]) for c in best]
     np.testing.assert_allclose(_next_best(pairs, evidence, members), apart)
+
+
+def test_a_family_sums_the_evidence_of_its_matches():
+    """The first candidate of all, too."""
+    family = Family(np.array([-1, 0, 4]), np.array([7.0, 2.0, 3.5]), np.zeros(3))
+    assert family.total == 5.5
+
+
+def test_matches_that_chance_explains_better_leave_and_lone_ones_have_their_line():
+    pairs = candidates(3)
+    near = neighbours(pairs.xy)
+    chosen = np.full(25, -1)
+    chosen[:] = np.where(np.arange(25) % 5 == 4, -1, np.arange(25) * 3)
+    chosen[7] = 7 * 3 + 1  # beside the plane
+    family = _judged(pairs, near, chosen)
+    evidence = _evidence(pairs, near, chosen, np.arange(25))
+    for spot in range(25):
+        if chosen[spot] < 0:
+            assert family.chosen[spot] == -1
+            continue
+        stays = evidence[chosen[spot]] > 0
+        assert family.chosen[spot] == (chosen[spot] if stays else -1)
+        assert family.evidence[spot] == (evidence[chosen[spot]] if stays else -np.inf)
+    assert (family.chosen[chosen >= 0] < 0).any()
+    alone = np.full(25, -1)
+    alone[3] = 9
+    lone = _judged(pairs, near, alone)
+    assert lone.chosen[3] == (9 if pairs.gain[9] > 0 else -1)
+    assert pairs.gain[9] <= 0 or lone.evidence[3] == pairs.gain[9]
