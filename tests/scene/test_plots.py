@@ -153,5 +153,7 @@ def test_round_lengths_are_the_largest_of_one_two_five_that_fit():
     every = [float(f"{m}e{p}") for p in range(-8, 9) for m in (1, 2, 5)]
     for value in every:
         assert plots.round_length(value) == pytest.approx(value, rel=1e-12)
+        # Just below, its logarithm may be rounded to that of the next power of ten.
+        assert 0.4 * value * (1 - 1e-9) < plots.round_length(np.nextafter(value, 0)) < value * (1 + 1e-9)
     for value in 10 ** np.random.default_rng(6).uniform(-7, 7, 300):
         assert plots.round_length(value) == pytest.approx(max(v for v in every if v <= value), rel=1e-12)
