@@ -10,7 +10,8 @@ from scipy import stats
 from windmark.geometry import Pose
 from windmark.geometry.two_view import choice
 from windmark.geometry.two_view.candidates import GATE_LINE, GATE_POINT
-from windmark.geometry.two_view.fundamental import MOST_SETS, _count, _epipole, _subsets
+from windmark.geometry.two_view.fundamental import MOST_SETS, _count, _epipole, _subsets, refine_fundamental
+from windmark.geometry.two_view.homography import _FLAT, fit_homography
 from windmark.geometry.two_view.homography_refine import homography_errors
 from windmark.geometry.two_view.matrices import essential_from_poses
 from windmark.geometry.two_view.pairs import Pairs
@@ -135,7 +136,7 @@ def test_all_ways_to_leave_some_out_or_those_of_the_worst(n, wrong):
     rng = np.random.default_rng(n)
     pairs = seen(n, sigma=1e-4, seed=3)
     a, b = 500 * pairs.a[:, :2], 500 * pairs.b[:, :2] + rng.normal(0, 0.05, (n, 2))
-    odd = [1, 4]
+    odd = [n - 8, n - 5]
     b[odd] += 40.0
     out = [tuple(np.flatnonzero(~kept).tolist()) for kept in _subsets(a, b, wrong, 0.1)]
     assert len(out) == len(set(out)) <= MOST_SETS
@@ -144,6 +145,26 @@ def test_all_ways_to_leave_some_out_or_those_of_the_worst(n, wrong):
         assert sorted(tuple(sorted(o)) for o in out) == sorted(combinations(range(n), wrong))
     else:
         assert tuple(odd) in {tuple(sorted(o)) for o in out}
+
+
+@pytest.mark.parametrize(("n", "more"), [(8, True), (9, True), (10, False)])
+def test_contradictions_ask_for_more_matches_where_these_cannot_name_a_wrong_one(n, more):
+    """Two more than the seven parameters have to be left beside the wrong one."""
+    rng = np.random.default_rng(2)
+    a, b = rng.uniform(0, 500, (2, n, 2))
+    found = refine_fundamental(a, b, sigma_px=0.1, most_wrong=1)
+    assert not found
+    assert "contradict each other" in found.reason
+    assert ("with more matches a wrong one can be named" in found.reason) == more
+    assert ("leaving out up to" in found.reason) == (not more)
+
+
+@pytest.mark.parametrize(("part", "there"), [(3.0, True), (0.3, False)])
+def test_points_nearly_on_a_line_determine_no_homography(part, there):
+    rng = np.random.default_rng(3)
+    source = np.column_stack([rng.uniform(-1, 1, 12), part * _FLAT * rng.uniform(-1, 1, 12)])
+    found = fit_homography(source, source + np.array([2.0, 1.0]))
+    assert (found is not None) == there
 
 
 def test_epipoles_are_where_all_lines_meet():
