@@ -1,28 +1,16 @@
-"""What pixels, nodes and points are as tables and datasets: the same numbers under their names."""
+"""What nodes and points are as tables: the same numbers under their names; the obliquity at its ends."""
 
 import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose
-from windmark.resection import map_pixels, sample_points, see_nodes
+from windmark.resection import sample_points, see_nodes
 from windmark.resection.visibility import _obliquity_deg
 from windmark.scene import Mesh
 
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.2], [1.0, 1.0, 0.3], [-1.0, 1.0, 0.1], [0.0, 0.0, -9.0]])
 MESH = Mesh.make(SQUARE, [[0, 1, 2], [0, 2, 3]], volume=np.array(["left", "right"]))
 CAMERA, ABOVE = Camera((16, 12), 40.0, 1.0, 7.5, 5.5), Pose.look_at([0.5, 0, 10.0], [0, 0, 0], [0, 1.0, 0])
-
-
-def test_pixels_as_a_dataset():
-    pytest.importorskip("xarray")
-    pixels = map_pixels(MESH, CAMERA, ABOVE)
-    table = pixels.to_xarray()
-    for k, name in enumerate("xyz"):
-        np.testing.assert_array_equal(table[name].values, pixels.xyz()[..., k])
-    np.testing.assert_array_equal(table["triangle"].values, pixels.triangle)
-    named = np.where(pixels.valid, np.array(["left", "right"])[pixels.triangle], "")
-    np.testing.assert_array_equal(table["volume"].values, named)
-    assert {"left", "right", ""} == set(named.ravel())
 
 
 def test_nodes_and_points_as_tables():
