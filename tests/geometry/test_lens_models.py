@@ -127,6 +127,9 @@ def test_the_range_ends_where_two_directions_share_an_image(lens):
         assert valid.tolist() == [seen]
         assert np.isfinite(xy).all() == seen
         assert camera.project_jacobian([point])[1].tolist() == [seen]
+        if lens.kind != FISHEYE or a < pi / 2:  # in front it is a plane's point, too
+            plane = tan(a) if lens.kind == FISHEYE else a
+            assert distort(np.array([[0.0, plane]]), lens)[1].tolist() == [seen]
 
 
 def test_a_fisheye_lens_sees_up_to_straight_behind():
