@@ -64,6 +64,10 @@ def test_the_middle_sigma_is_that_of_one_coordinate():
     assert np.isnan(middle_sigma(cov[:0]))
 
 
+def test_spots_say_how_many_are_flagged():
+    assert "flagged=2" in repr(Detections.make(np.ones((5, 2)), flags=[0, 1, 0, 0, 6]))
+
+
 def test_a_matching_is_one_to_one():
     assert len(Matching(np.array([0, 2]), np.array([1, 0]), np.zeros(2))) == 2
     with pytest.raises(ValueError, match="only once"):
