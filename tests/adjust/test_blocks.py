@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from windmark.adjust import CameraBlock, PoseBlock
-from windmark.adjust.blocks import se3_left_jacobian
+from windmark.adjust.blocks import VectorBlock, se3_left_jacobian
 from windmark.geometry import PARAMETERS, Camera, Pose
 
 
@@ -100,3 +100,17 @@ def test_unknown_or_repeated_camera_parameters_are_refused():
         CameraBlock(("focal",))
     with pytest.raises(ValueError, match="distinct"):
         CameraBlock(("k1", "k1"))
+
+
+def test_numbers_at_a_bound_stay_where_the_cost_pulls_them_out():
+    block = VectorBlock(("a", "b", "c", "d"), np.array([1.0, 2.0, 3.0, 4.0]), np.zeros(4), np.ones(4))
+    value, down = np.array([0.0, 0.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(block.pinned(value, down), [True, False, True, False])
+    assert not block.pinned(np.full(4, 0.5), down).any()
+    assert not block.pinned(value, np.zeros(4)).any()
+    np.testing.assert_array_equal(block.retract(value, np.array([-1.0, 0.3, 2.0, -0.25])), [0.0, 0.3, 1.0, 0.75])
+    assert block.retract(value, np.array([np.nan, 0, 0, 0])) is None
+    np.testing.assert_array_equal(block.natural(value), np.diag([1.0, 2.0, 3.0, 4.0]))
+    off, slope = block.difference(value, down)
+    np.testing.assert_array_equal(off, value - down)
+    np.testing.assert_array_equal(slope, np.eye(4))

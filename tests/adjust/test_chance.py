@@ -4,9 +4,10 @@ import math
 from fractions import Fraction
 
 import pytest
+from scipy import stats
 from scipy.stats import binom
 
-from windmark.adjust import log_tail
+from windmark.adjust import chance, log_tail
 
 
 @pytest.mark.parametrize(
@@ -30,3 +31,21 @@ def test_what_is_certain_and_what_cannot_be():
     assert log_tail(3, 5, 1.0) == 0.0
     assert log_tail(6, 5, 0.2) == -math.inf
     assert log_tail(1, 5, 0.0) == -math.inf
+
+
+@pytest.mark.parametrize(("dof", "redundancy"), [(1, 4), (3, 20), (2, 3)])
+def test_unknowns_that_are_not_there_explain_so_much_by_the_distribution_of_f(dof, redundancy):
+    free = redundancy - dof
+    for level in (0.5, 1e-2, 1e-6):
+        f = stats.f.isf(level, dof, free)
+        left = 7.0
+        test = f * dof * left / free
+        assert chance(test, dof, test + left, redundancy) == pytest.approx(level)
+        assert chance(9 * test, dof, 9 * (test + left), redundancy) == pytest.approx(level)  # whatever sigma is
+
+
+def test_what_tells_nothing_is_chance_and_what_leaves_nothing_is_none():
+    assert chance(5.0, 0, 9.0, 4) == 1.0
+    assert chance(5.0, 4, 9.0, 4) == 1.0
+    assert chance(5.0, 3, 9.0, 4) < 1.0
+    assert chance(9.0, 1, 9.0, 4) == 0.0

@@ -277,6 +277,22 @@ def test_wrong_networks_are_named(change, word):
         replace(network, **change)
 
 
+@pytest.mark.parametrize(
+    ("name", "least", "size"),
+    [("view", 0, 8), ("point", 0, 25), ("view_camera", 0, 1), ("view_frame", 0, 8), ("view_offset", -1, 0)],
+)
+def test_indices_must_be_there(name, least, size):
+    network = networks.make(1).network
+    for wrong in (least - 1, size):
+        index = getattr(network, name).copy()
+        index[0] = wrong
+        with pytest.raises(ValueError, match=rf"Network: {name} must be {least} \.\.\. {size - 1}, got"):
+            replace(network, **{name: index})
+    index = getattr(network, name).copy()
+    index[:2] = least, size - 1
+    assert replace(network, **{name: index})
+
+
 @pytest.mark.parametrize("wrong", [{"second": [0]}, {"sigma": [0.0]}, {"length": [np.nan]}, {"length": [1.0, 2.0]}])
 def test_wrong_bars_are_named(wrong):
     good = {"first": [0], "second": [1], "length": [1.0], "sigma": [0.1]} | wrong

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from windmark.adjust.levenberg_marquardt import minimise
-from windmark.adjust.network import NetworkProblem
+from windmark.adjust.network import NetworkProblem, linear, numpy_path
 from windmark.adjust.network.covariance import network_covariance
 from windmark.adjust.network.datum import in_datum
 from windmark.geometry import DegenerateGeometry, Pose
-from windmark.geometry.similarity import align
+from windmark.geometry.similarity import Similarity, align
 
 
 def solved(case):
@@ -144,3 +144,67 @@ def test_a_datum_on_a_line_is_refused():
     problem, _, system = solved(case)
     with pytest.raises(DegenerateGeometry, match="three"):
         in_datum(network_covariance(system, problem.layout), np.arange(25) < 2)
+
+
+@pytest.mark.parametrize("name", ["points", "frames"])
+def test_what_marks_follow_is_their_derivative_in_the_whole_covariance(name, monkeypatch):
+    """J C J^T of every mark, J by differences of the residuals, C of all parameters; by kernels and by NumPy."""
+    case = networks.make(6, views=6, points=14, eliminate=name)
+    problem = NetworkProblem(case.network, case.start)
+    state = minimise(problem, case.start)[0]
+    covariance = network_covariance(problem.linearise(state), problem.layout)
+    whole = covariance.product(np.eye(problem.size))
+    columns = []
+    for step in 1e-6 * np.eye(problem.size):
+        ahead, behind = (problem.residual(problem.retract(state, s * step)) for s in (1, -1))
+        columns.append((ahead - behind) / 2e-6)
+    j = np.stack(columns, axis=2)
+    expected = j @ whole @ j.transpose(0, 2, 1)
+    jd, je, cols, block = problem.jacobian(state)
+    cross = -covariance.half @ covariance.dense
+    monkeypatch.setattr(numpy_path, "CHUNK", 50)
+    for of in (numpy_path.influences, linear.influences):
+        out = np.empty((len(jd), 2, 2))
+        of(jd, je, cols, block, np.ascontiguousarray(covariance.dense.T), cross, covariance.blocks, out)
+        np.testing.assert_allclose(out, expected, atol=2e-5)
+    trace = np.einsum("nii->", expected)
+    assert trace == pytest.approx(problem.size - covariance.motions.shape[1], rel=1e-3)  # unknowns that marks determine
+
+
+@pytest.mark.parametrize("name", ["points", "frames"])
+def test_in_another_frame_the_covariance_is_that_of_the_network_there(name):
+    case = networks.make(7, views=6, points=14, eliminate=name)
+    problem = NetworkProblem(case.network, case.start)
+    state = minimise(problem, case.start)[0]
+    covariance = network_covariance(problem.linearise(state), problem.layout)
+    fit = Similarity(2.5, Pose.from_rotvec([0.3, -1.0, 0.6], [0, 0, 0]).rotation, np.array([10.0, -300.0, 50.0]))
+    there = problem.moved(fit)
+    placed = replace(state, points=fit.apply(state.points), frames=fit.moved(state.frames))
+    assert there.cost(placed) == pytest.approx(problem.cost(state), rel=1e-9)
+    anew = in_datum(network_covariance(there.linearise(placed), there.layout))
+    moved, before = in_datum(covariance.moved(fit.rotation, there.layout)), in_datum(covariance).points()
+    np.testing.assert_allclose(moved.points(), anew.points(), rtol=1e-4, atol=1e-6 * anew.points().max())
+    turned = 2.5**2 * fit.rotation @ before @ fit.rotation.T
+    np.testing.assert_allclose(moved.points(), turned, rtol=1e-4, atol=1e-6 * turned.max())
+    scale = np.sqrt(np.outer(*[np.diagonal(anew.dense())] * 2))
+    np.testing.assert_allclose(moved.dense() / scale, anew.dense() / scale, atol=1e-4)
+
+
+@pytest.mark.parametrize("kept", [0, 30_000])
+def test_derivatives_are_those_of_the_values_that_are_asked_for(kept, monkeypatch):
+    """Kept for who asks again, and no others'."""
+    monkeypatch.setattr("windmark.adjust.network.problem.KEPT", kept)
+    case = networks.make(8, views=4, points=10)
+    problem = NetworkProblem(case.network, case.start)
+    expected = {}
+    for state in (case.start, case.truth):
+        expected[id(state)] = NetworkProblem(case.network, case.start).jacobian(state)
+    first, other = (expected[id(s)][0] for s in (case.start, case.truth))
+    assert not np.allclose(first, other)
+    for state in (case.start, case.start, case.truth, case.start, case.truth):
+        for got, want in zip(problem.jacobian(state), expected[id(state)], strict=True):
+            np.testing.assert_array_equal(got, want)
+    assert (problem.jacobian(case.truth)[0] is problem.jacobian(case.truth)[0]) == (kept > 0)
+    for state in (case.start, case.truth):
+        units, fresh = problem.units(state), NetworkProblem(case.network, case.start).units(state)
+        np.testing.assert_array_equal(units.frame_pivot, fresh.frame_pivot)

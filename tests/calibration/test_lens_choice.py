@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from windmark.calibration import Free, self_calibrate
-from windmark.calibration.lens_choice import as_lens, choose_lens, field_deg, judged, lens_words
+from windmark.calibration.lens_choice import (
+    GROSS,
+    _log_evidence,
+    as_lens,
+    choose_lens,
+    field_deg,
+    judged,
+    lens_words,
+)
 from windmark.calibration.lens_known import RADIAL, radial_spread
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, Pose
@@ -126,3 +135,27 @@ def test_where_only_its_coefficients_are_weak_a_rational_lens_is_not_refused():
     assert found, found.reason
     z = (align(found.markers.xyz, xyz, scale=True).apply(found.markers.xyz) - xyz) / found.markers.sigma
     assert 0.9 < np.sqrt((z**2).mean()) < 1.1
+
+
+def tried_on(squares, free):
+    """A calibration whose marks have these squared residuals in sigmas, and so many free parameters."""
+    n = len(squares)
+    cov = np.zeros((14, 14))
+    cov[np.arange(free), np.arange(free)] = 1.0
+    obs = Observations(np.zeros(n, int), np.arange(n), np.zeros((n, 2)), np.tile(0.25 * np.eye(2), (n, 1, 1)))
+    residuals = np.stack([0.5 * np.sqrt(squares), np.zeros(n)], axis=1)
+    return SimpleNamespace(
+        observations=obs, residuals=residuals, cameras={"c": Camera((100, 80), 90.0, cov=cov)}
+    )
+
+
+def test_evidence_is_the_likelihood_and_half_the_logarithm_of_the_numbers_for_each_parameter():
+    squares = np.array([0.5, 1.0, 4.0, 1e6, np.nan])
+    for noise in (1.0, 4.0):
+        left = np.minimum(squares[:3] / noise, GROSS).sum() + 2 * GROSS  # a gross error, and one without prediction
+        for lost in (0, 2):
+            got = _log_evidence(tried_on(squares, 5), noise, 5 + lost)
+            assert got == pytest.approx(-0.5 * (left + lost * GROSS) - 2.5 * np.log(2 * (5 + lost)))
+    without = tried_on(squares[:3], 5)
+    without.cameras["c"] = Camera((100, 80), 90.0)
+    assert _log_evidence(without, 1.0, 3) == pytest.approx(-0.5 * 5.5)

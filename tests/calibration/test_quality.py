@@ -1,6 +1,7 @@
 """Residual maps, projection uncertainty, and halves of the pictures against each other."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import matplotlib.pyplot
 import networks
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 
 from windmark.calibration import Fixed, Free, self_calibrate
-from windmark.calibration.quality import compare, projection_sigma, residual_map, split_half
+from windmark.calibration.quality import _interior_ratio, compare, projection_sigma, residual_map, split_half
+from windmark.errors import DataError
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet, Observations, View
 
@@ -152,3 +154,48 @@ def test_a_plot_shows_one_cameras_residuals():
     with pytest.raises(ValueError, match="plot: no camera 'x'"):
         result.plot("x")
     matplotlib.pyplot.close("all")
+
+
+def test_projection_sigma_is_that_of_cameras_turned_onto_the_true_one():
+    """Draws of the parameters; what a turn of the whole camera takes up is taken out by least squares."""
+    rng = np.random.default_rng(3)
+    camera = Camera((300, 200), 250.0, 1.0, 150.0, 100.0, k1=-0.1)
+    cov = np.zeros((14, 14))
+    root = rng.normal(size=(5, 5)) * np.array([0.5, 1e-3, 0.8, 0.8, 2e-3])[:, None]
+    own = [0, 1, 2, 3, 4]
+    cov[np.ix_(own, own)] = root @ root.T
+    x, y, sigma = projection_sigma(replace(camera, cov=cov), columns=6)
+    assert (len(x), len(y)) == (6, 4)
+    pixel = np.stack(np.meshgrid(x, y), axis=-1)
+    ray = camera.unproject(pixel)
+    columns = [((camera.project(ray + 1e-6 * np.cross(w, ray))[0] - pixel) / 1e-6).ravel() for w in np.eye(3)]
+    turn = np.linalg.lstsq(np.stack(columns, axis=1), np.eye(pixel.size), rcond=None)[0]
+    off = []
+    for _ in range(1500):
+        step = np.zeros(14)
+        step[own] = root @ rng.normal(size=5)
+        moved = (camera.with_parameters(camera.parameters() + step).project(ray)[0] - pixel).ravel()
+        off.append(moved - np.stack(columns, axis=1) @ (turn @ moved))
+    drawn = np.sqrt((np.array(off) ** 2).mean(axis=0).reshape(4, 6, 2).mean(axis=2))
+    np.testing.assert_allclose(sigma, drawn, rtol=0.12)  # 1500 draws: 2 % each, three sigmas of 24
+    with pytest.raises(DataError, match="no covariance"):
+        projection_sigma(camera)
+
+
+def test_halves_change_by_their_sigmas_whatever_the_units():
+    """A thousand pairs of cameras with correlated parameters: the ratio's square is one on average."""
+    rng = np.random.default_rng(4)
+    root = np.diag([3.0, 1e-3, 0.01]) @ rng.normal(size=(3, 3))
+    at, camera, ratio = [0, 4, 6], Camera((300, 200), 250.0), []
+    cov = np.zeros((14, 14))
+    cov[np.ix_(at, at)] = root @ root.T
+    for _ in range(1000):
+        two = []
+        for _ in range(2):
+            step = np.zeros(14)
+            step[at] = root @ rng.normal(size=3)
+            two.append(SimpleNamespace(cameras={"c": camera.with_parameters(camera.parameters() + step, cov=cov)}))
+        ratio.append(_interior_ratio(*two))
+    assert np.mean(np.square(ratio)) == pytest.approx(1.0, abs=0.08)  # of three numbers each: 0.026
+    known = SimpleNamespace(cameras={"c": camera})
+    assert np.isnan(_interior_ratio(known, known))

@@ -1,9 +1,11 @@
 """The radius that an image prefers: not that of dust, of specks in cut-off black, or of one large fitting."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from windmark.detection import estimate_radius
+from windmark.detection import estimate_radius, radius
 from windmark.synth import marker_scene
 
 
@@ -59,3 +61,45 @@ def test_a_rival_is_named(draw):
     got = estimate_radius(image)
     assert share(got, 10.0) != share(got, 3.0)
     assert "much speaks for" in got.reason
+
+
+@pytest.mark.parametrize("side", [5, 12, 100, 480, 4000])
+def test_the_radii_that_are_tried_leave_no_size_between_them(side):
+    """Each measures half to twice its own size; the last one reaches the largest that the picture can show."""
+    radii = radius.trials(side)
+    assert radii[0] == radius.SMALLEST_PX
+    assert all(0 < b / a <= 2 for a, b in pairwise(radii))
+    largest = min(radius.LARGEST_PX, side / radius.SHARE_OF_SIDE)
+    assert 2 * radii[-1] >= largest
+    assert radii[-1] <= max(2 * largest, 2 * radius.SMALLEST_PX)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "mode"), [(5.0, 5.5, 5.2), (4.0, 9.0, 5.0), (2.0, 30.0, 3.0), (0.7, 0.8, 0.75)]
+)
+def test_the_radii_of_a_search_cover_the_sizes(low, high, mode):
+    """One finds 0.8 to 1.2 of its own, and rather too large than too small."""
+    found = radius.search_radii(low, high, mode)
+    for size in np.geomspace(max(low, 1.0), max(high, 1.0), 50):
+        assert any(0.75 * r <= size <= 1.25 * r for r in found), size
+    assert list(found) == sorted(set(found))
+    assert found[-1] >= 0.95 * high
+    assert min(found) >= 1.0
+    assert (len(found) == 1) == (high / mode < 1.15 and low / mode > 0.85)
+
+
+def test_a_size_ends_at_the_foot_of_its_peak():
+    at = np.linspace(0.0, 3.0, 301)
+
+    def peaks(*of):
+        return sum(h * np.exp(-0.5 * ((at - m) / 0.12) ** 2) for m, h in of)
+
+    first, last = radius._foot(at, alone := peaks((1.5, 1.0)), 150)
+    for end in (first, last):  # where a tenth of the peak is left
+        assert alone[round(100 * end)] == pytest.approx(0.1, abs=0.03)
+    density = peaks((1.0, 1.0), (1.5, 0.9))
+    first, last = radius._foot(at, density, 100)
+    assert last == pytest.approx(1.25, abs=0.02)  # the valley between two sizes
+    shallow = peaks((1.0, 1.0), (1.25, 0.9))
+    assert radius._foot(at, shallow, int(shallow.argmax()))[1] > 1.3  # no valley: one size
+    assert radius._foot(at, np.ones(301), 150) == (-np.inf, np.inf)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import windmark as wm
-from windmark.detection import explain
+from windmark.detection import explain, rivals
 from windmark.detection._kernels.rivals import EXTRA
 from windmark.detection.company import RIVAL_NATS
 from windmark.detection.rejected import OTHER
@@ -151,3 +151,22 @@ def test_what_lacks_all_kinds_is_a_disc():
 def test_small_squares_are_none(half):
     assert len(wm.detect(picture(["square"] * len(PLACES), half=half), radius_px=1.13 * half)) == 0
     assert len(wm.detect(picture(["disc"] * len(PLACES), half=half), radius_px=half)) == len(PLACES)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_densities_are_normal(n):
+    rng = np.random.default_rng(n)
+    a, spread = rng.normal(size=(9, n)), rng.uniform(0.3, 2, 9)
+    root = rng.normal(size=(9, n, n))
+    own = root @ root.transpose(0, 2, 1)
+    for k, got in enumerate(rivals._log_normal(a, own, spread)):
+        cov = own[k] + spread[k] ** 2 * np.eye(n)
+        exact = -0.5 * (a[k] @ np.linalg.solve(cov, a[k]) + np.log(np.linalg.det(cov)))
+        assert got == pytest.approx(exact, rel=1e-9)
+
+
+def test_a_kind_of_deviation_is_had_or_not():
+    """However much speaks against a kind, that a thing has not got it stays possible; and the other way round."""
+    against = np.array([-50.0, 0.0, 2.0, 50.0])
+    p = rivals.ONE_KIND
+    np.testing.assert_allclose(rivals._of_one_kind(against), np.log(1 - p + p * np.exp(against)), rtol=1e-9)

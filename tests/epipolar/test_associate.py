@@ -54,6 +54,22 @@ def test_exact_poses_stay():
     np.testing.assert_array_equal(result.poses.translation, case.poses.translation)
 
 
+@pytest.mark.parametrize("what", ["depth_range", "points_near"])
+def test_points_are_where_they_are_looked_for(what):
+    """All where the markers are known to be; none where they are not."""
+    case = scenes.make(33, "plate", "walk", views=5, points=30)
+    depth = (case.poses.rotation @ case.xyz.T + case.poses.translation[:, :, None])[:, 2]
+    near, far = 0.9 * depth.min(), 1.1 * depth.max()
+    behind = case.xyz - [0.0, 0.0, 3 * far]
+    about, elsewhere = ((near, far), (3 * far, 4 * far)) if what == "depth_range" else (case.xyz[::7], behind)
+    free = associate(case.detections, case.camera, case.poses)
+    found = associate(case.detections, case.camera, case.poses, **{what: about})
+    assert len(found) == len(free) > 20
+    sets = [np.sort(a.xyz.round(6), axis=0) for a in (found, free)]  # in the order of their evidence, which is others'
+    np.testing.assert_allclose(*sets, atol=1e-4)
+    assert len(associate(case.detections, case.camera, case.poses, **{what: elsewhere})) == 0
+
+
 def test_every_spot_has_an_answer():
     case = scenes.make(34, "plate", "cloud", views=6, points=40, false=0.3)
     result = associate(case.detections, case.camera, case.poses)
@@ -102,7 +118,10 @@ def test_order_does_not_matter():
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        ({"min_views": 2}, "min_views"), ({"min_views": 9}, "min_views"), ({"max_nfa": 0.0}, "max_nfa"),
+        ({"min_views": 2}, r"min_views must be 3 \.\.\. 4, got 2"), ({"min_views": 5}, r"min_views .* got 5"),
+        ({"max_nfa": 0.0}, "max_nfa must be > 0, got 0.0"), ({"max_nfa": np.nan}, "max_nfa"),
+        ({"model_px": np.nan}, "model_px"), ({"depth_range": (1.0, 1.0)}, "depth_range"),
+        ({"depth_range": (0.0, 1.0)}, "depth_range"), ({"pose_cov": np.full((6, 6), np.inf)}, "pose_cov"),
         ({"model_px": -1.0}, "model_px"), ({"depth_range": (2.0, 1.0)}, "depth_range"),
         ({"points_near": np.zeros((2, 2))}, "points_near"), ({"pose_cov": np.eye(5)}, "pose_cov"),
         ({"depth_range": (1.0, 2.0), "points_near": np.zeros((1, 3))}, "not both"),
@@ -112,6 +131,13 @@ def test_bad_options(options, word):
     case = scenes.make(37, views=4, points=10)
     with pytest.raises(ValueError, match=word):
         associate(case.detections, case.camera, case.poses, **options)
+
+
+def test_bounds_that_may_be_reached():
+    case = scenes.make(37, views=4, points=10)
+    few = associate(case.detections, case.camera, case.poses, min_views=4, model_px=0.0, max_nfa=1.0)
+    assert len(few) > 0
+    assert (few.views == 4).all()
 
 
 def test_bad_numbers():

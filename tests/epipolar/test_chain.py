@@ -112,7 +112,15 @@ def test_kernel():
     ("pair", "word"),
     [
         (PairLinks(0, 0, np.array([0]), np.array([0])), "two different views"),
-        (PairLinks(0, 5, np.array([0]), np.array([0])), "two different views"),
+        (PairLinks(0, 3, np.array([0]), np.array([0])), r"views 0 and 3: expected two different views of 0 \.\.\. 2"),
+        (PairLinks(3, 0, np.array([0]), np.array([0])), "two different views"),
+        (PairLinks(-1, 0, np.array([0]), np.array([0])), "two different views"),
+        (PairLinks(0, -1, np.array([0]), np.array([0])), "two different views"),
+        (PairLinks(0, 1, np.array([-1]), np.array([0])), "spots of view 0 must be 0 ... 2"),
+        (PairLinks(0, 1, np.array([0]), np.array([3])), "spots of view 1 must be 0 ... 2"),
+        (PairLinks(0, 1, np.array([0, 1]), np.array([1, 1])), "a spot of view 1 is linked twice"),
+        (PairLinks(0, 1, np.array([1]), np.array([0]), np.array([1.0, 1.0])), "same length"),
+        (PairLinks(0, 1, np.array([[1]]), np.array([[0]])), "same length"),
         (PairLinks(0, 1, np.array([3]), np.array([0])), "must be 0 ... 2"),
         (PairLinks(0, 1, np.array([1, 1]), np.array([0, 1])), "linked twice"),
         (PairLinks(0, 1, np.array([1]), np.array([0, 1])), "same length"),
@@ -123,6 +131,13 @@ def test_kernel():
 def test_bad_links(pair, word):
     with pytest.raises(ValueError, match=word):
         chain([3, 3, 3], [PairLinks(1, 2, np.array([0]), np.array([0])), pair])
+
+
+def test_first_and_last_view_and_spot_may_be_linked_in_any_order():
+    result = chain([3, 3, 3], [PairLinks(2, 0, np.array([0, 2]), np.array([2, 0]))])
+    assert result.tracks.view.tolist() == [0, 2, 0, 2]
+    links = {tuple(result.tracks.detection[result.tracks.track == t].tolist()) for t in (0, 1)}
+    assert links == {(2, 0), (0, 2)}
 
 
 def test_nothing():

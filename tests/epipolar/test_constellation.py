@@ -3,10 +3,20 @@
 import constellation_twins as twins
 import numpy as np
 import pytest
+from scipy import stats
 
 from windmark.epipolar.constellation import _kernels as kernels
-from windmark.epipolar.constellation.evidence import weigh
-from windmark.epipolar.constellation.patches import Neighbours, find_patches
+from windmark.epipolar.constellation.evidence import FREE, MISSING, weigh
+from windmark.epipolar.constellation.patches import (
+    GROW_TOLERANCE,
+    LEAST_MET,
+    LN_MET,
+    NOISE_PX,
+    TESTED,
+    Neighbours,
+    _ranked,
+    find_patches,
+)
 
 NO_LIMIT = np.zeros((0, 0), np.bool_)
 
@@ -108,3 +118,69 @@ def test_few_spots_give_no_patches(count):
     a, b, _, _ = plane(6)
     assert not len(find_patches(Neighbours.of(a[:count], b)).match)
     assert not len(find_patches(Neighbours.of(a, b[:count])).match)
+
+
+def test_seeds_are_ranked_by_what_they_meet_less_what_equally_good_ones_say():
+    rng = np.random.default_rng(4)
+    met, offset = rng.integers(-1, 11, (9, 12)), rng.uniform(0, 8, (9, 12))
+    value = {}
+    for s, q in zip(*np.nonzero(met >= LEAST_MET), strict=True):
+        row = sum(m >= max(LEAST_MET, met[s].max() - 1) for m in met[s])
+        column = sum(m >= max(LEAST_MET, met[:, q].max() - 1) for m in met[:, q])
+        value[s, q] = LN_MET * met[s, q] - np.log(max(row * column, 1)) - offset[s, q] / TESTED
+    got = _ranked(met, offset)
+    assert set(got) == set(value)
+    assert [value[k] for k in got] == sorted(value.values(), reverse=True)
+    assert not _ranked(np.full((3, 4), LEAST_MET - 1), np.zeros((3, 4)))
+
+
+def test_planes_far_apart_are_patches_of_their_own_and_pairs_know_their_largest_patch():
+    one, two = plane(30, 60), plane(31, 60)
+    a = np.concatenate([one[0], two[0] + [3000.0, 0.0]])  # no map takes one onto the other
+    b = np.concatenate([one[1], two[1] + [0.0, 5000.0]])
+    found = find_patches(Neighbours.of(a, b))
+    rows = [tuple(row) for row in found.match.tolist()]
+    size = (found.match >= 0).sum(axis=1)
+    large = found.match[size > 30] >= 0
+    assert {(bool(m[:60].any()), bool(m[60:].any())) for m in large} == {(True, False), (False, True)}
+    assert len(find_patches(Neighbours.of(a, b), most=1).match) == 1
+    pairs, largest = found.pairs()
+    assert len({tuple(p) for p in pairs.tolist()}) == len(pairs)
+    for (i, k), most in zip(pairs.tolist(), largest, strict=True):
+        assert most == max(size[p] for p in range(len(rows)) if rows[p][i] == k)
+    assert sorted({(i, k) for row in rows for i, k in enumerate(row) if k >= 0}) == [tuple(p) for p in pairs.tolist()]
+
+
+@pytest.mark.parametrize("width", [np.inf, 3.0])
+def test_evidence_is_chance_of_the_hits_and_what_hits_and_misses_say(width):
+    """Eight pairs say nothing; chance is the area where a spot may lie times the density; the rest is binomial."""
+    a, b, truth, _ = plane(7, 60)
+    near = Neighbours.of(a, b)
+    match = np.where(np.arange(60) % 4 == 1, -1, truth)
+    match[np.flatnonzero(truth == 0)] = 0  # also the first spot of b counts
+    place = kernels.expectations(near.a, near.na, near.b, near.nb, match, GROW_TOLERANCE, NOISE_PX)
+
+    def inside(xy):
+        return xy[:, 0] > np.median(b[:, 0]) - 300
+
+    got = weigh(near, match, width, inside, 500)
+    known = np.isfinite(place[:, 0])
+    expected = known & inside(np.where(known[:, None], place[:, :2], -1e9))
+    np.testing.assert_array_equal(got.expected, expected)
+    far = np.sort(np.linalg.norm(b[:, None] - b[None], axis=2), axis=1)[:, near.nb.shape[1]]
+    density = np.median(near.nb.shape[1] / (np.pi * far**2))
+    chance, gain, hits = [], 0.0, 0
+    for k in np.flatnonzero(expected):
+        reach = place[k, 2]
+        area = np.pi * reach**2 if reach < width else min(4 * width * reach, np.pi * reach**2)
+        p = min(max(area * density, 1e-6), 0.5)
+        chance.append(p)
+        hits += match[k] >= 0
+        gain += np.log((1 - MISSING) / p) if match[k] >= 0 else np.log(MISSING / (1 - p))
+    assert got.score == pytest.approx(gain, rel=1e-9)
+    tail = stats.binom.logsf(hits - FREE - 1, len(chance) - FREE, np.mean(chance))
+    assert got.log10_nfa == pytest.approx((np.log(500) + tail) / np.log(10), rel=1e-9)
+    some = np.flatnonzero(expected & (match >= 0))
+    few = np.full(60, -1)
+    few[some[:FREE]] = match[some[:FREE]]
+    assert weigh(near, few, width, inside, 500).log10_nfa == np.inf

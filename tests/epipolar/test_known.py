@@ -1,11 +1,14 @@
 """Two pictures of known relative pose."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import reconstruct_scenes as scenes
 
 from windmark.epipolar import match_known_pair
 from windmark.epipolar.continuity import Pairs, grow_family, neighbours, predict
+from windmark.epipolar.known import STARTS, _different, _line_distance, _starts
 from windmark.geometry import Camera, Pose
 from windmark.scene import Detections
 
@@ -110,3 +113,46 @@ def test_bad_options():
     with pytest.raises(ValueError, match="depth_range"):
         match_known_pair(spots, spots, camera, camera, pose, depth_range=(2.0, 1.0))
     assert len(match_known_pair(spots.take([]), spots, camera, camera, pose)) == 0
+
+
+def test_distances_from_epipolar_lines_are_those_in_the_picture():
+    """Through the lens: the least distance of a spot from the images of the points that its partner may be."""
+    camera = Camera((800, 600), 700.0, 1.2, 380.0, 310.0, k1=-0.15, p1=1e-3)
+    step = Pose.from_rotvec([0.05, -0.2, 0.1], [-300.0, 40.0, 30.0])
+    rng = np.random.default_rng(3)
+    ideal = rng.uniform(-0.25, 0.25, (20, 2))
+    depth = rng.uniform(900, 1400, 20)
+    there, valid = camera.project(step.apply(np.column_stack([ideal, np.ones(20)]) * depth[:, None]))
+    assert valid.all()
+    off = rng.normal(0, 0.3, (20, 2))
+    got = _line_distance(camera, step, ideal, there + off)
+    for k in range(20):
+        near = np.linspace(0.98, 1.02, 20001)[:, None] * depth[k] * np.append(ideal[k], 1.0)
+        line = camera.project(step.apply(near))[0]
+        assert got[k] == pytest.approx(np.hypot(*(line - there[k] - off[k]).T).min(), abs=2e-3)
+
+
+def test_families_differ_where_they_disagree_on_most_of_what_both_match():
+    one = SimpleNamespace(chosen=np.array([0, 1, 2, 3, -1, 5]))
+    for other, different in (
+        ([0, 9, 9, -1, 4, -1], True), ([0, 1, 9, -1, 4, -1], False), ([0, 1, 9, 9, 4, -1], False),
+        ([0, 9, 9, 9, 4, -1], True), ([-1, -1, -1, -1, 4, -1], False),
+    ):  # fmt: skip
+        assert _different(one, SimpleNamespace(chosen=np.array(other))) == different
+
+
+def test_search_starts_in_the_middle_and_where_few_candidates_are():
+    rng = np.random.default_rng(6)
+    xy = rng.uniform(-1, 1, (40, 2))
+    first = np.repeat(np.arange(40), rng.integers(0, 6, 40))
+    pairs = SimpleNamespace(first=first, xy=xy)
+    tried = np.zeros(40, bool)
+    tried[::5] = True
+    got = _starts(pairs, 40, tried)
+    left = np.array([s for s in range(40) if s in first and not tried[s]])
+    away = np.linalg.norm(xy[left] - np.median(xy[left], axis=0), axis=1)
+    middle, few = got[: STARTS - STARTS // 2], got[STARTS - STARTS // 2 :]
+    np.testing.assert_array_equal(middle, left[np.argsort(away)[: STARTS - STARTS // 2]])
+    counts = [(first == s).sum() for s in few]
+    assert sorted(counts) == sorted((first == s).sum() for s in left)[: STARTS // 2]
+    assert not len(_starts(pairs, 40, np.ones(40, bool)))

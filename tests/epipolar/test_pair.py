@@ -1,10 +1,13 @@
 """`match_pair`: pairs of spots without labels or poses, or an honest refusal."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import reconstruct_scenes as scenes
 
 from windmark.epipolar import NotMatched, match_pair
+from windmark.epipolar.pair import _known, _refusal
 from windmark.geometry import Camera, Pose
 from windmark.scene import Detections
 
@@ -124,3 +127,43 @@ def test_exchanging_the_pictures_exchanges_the_pairs():
     ahead, back = match_pair(a, b, case.camera), match_pair(b, a, case.camera)
     both = set(zip(ahead.a.tolist(), ahead.b.tolist(), strict=True))
     assert len(both & set(zip(back.b.tolist(), back.a.tolist(), strict=True))) > 0.9 * len(both)
+
+
+def matching(pairs, nfa=-20.0, score=1.0, shift=0):
+    """A matching of so many pairs, each with the partner ``shift`` places on."""
+    match = np.where(np.arange(100) < pairs, np.arange(100) + shift, -1)
+    out = SimpleNamespace(match=match, count=pairs, score=score, evidence=SimpleNamespace(log10_nfa=nfa))
+    out.shared = lambda other: float((match[match >= 0] == other.match[match >= 0]).mean())
+    return out
+
+
+@pytest.mark.parametrize(
+    ("others", "grown", "nfa", "cause"),
+    [
+        ([], 0, -6.0, None), ([], 0, -5.9, "weak"),
+        ([matching(26, shift=1)], 0, -20.0, "ambiguous"), ([matching(25, shift=1)], 0, -20.0, None),
+        ([matching(26, nfa=-6.0, shift=1)], 0, -20.0, None), ([matching(26, nfa=-6.1, shift=1)], 0, -20.0, "ambiguous"),
+        ([matching(60)], 0, -20.0, None),  # the same pairs, some of them
+        ([], 100, -20.0, None),  # a large matching is no piece that only grew
+    ],
+)  # fmt: skip
+def test_a_matching_is_refused_for_chance_and_for_another_one_that_is_none(others, grown, nfa, cause):
+    refusal = _refusal([matching(100, nfa), *others], grown, -6.0, 0.25)
+    assert (refusal and refusal[0]) == cause
+    if cause == "ambiguous":
+        assert "two matchings, of 100 and 26 pairs" in refusal[1]
+
+
+@pytest.mark.parametrize(
+    ("count", "grown", "refused"), [(29, 22, True), (29, 21, False), (30, 30, False), (20, 15, False), (20, 16, True)]
+)
+def test_in_a_small_matching_a_piece_that_only_grew_is_a_rival(count, grown, refused):
+    """Three quarters of the pairs of one with fewer than thirty."""
+    assert bool(_refusal([matching(count)], grown, -6.0, 0.25)) == refused
+
+
+@pytest.mark.parametrize(("kept", "known"), [(80, False), (81, True)])
+def test_pairs_of_which_four_fifths_are_those_of_a_matching_are_known(kept, known):
+    pairs = np.column_stack([np.arange(100), np.where(np.arange(100) < kept, np.arange(100), 99)])
+    pairs[99] = 99, 98 if kept < 100 else 99
+    assert _known(pairs, matching(100)) == known

@@ -16,12 +16,23 @@ CAMERAS = {
     "pincushion": Camera((3004, 2000), 3070.0, 0.998, 1510.2, 990.7, 0.12, -0.05, -4e-4, 6e-4, 0.02),
     "tilted": Camera((1280, 1024), 2400.0, k1=-0.1, p1=5e-4, tilt_x=0.12, tilt_y=-0.2),
     "sheared": Camera((1280, 1024), 1900.0, 0.97, 650.0, 500.0, k1=-0.1, p2=5e-4, tilt_x=-0.05, tilt_y=0.1, shear=0.03),
-}
+    "rational": Camera((1000, 800), 700.0, 1.01, k1=0.3, k2=-0.1, p1=1e-3, p2=-5e-4, k3=0.02, tilt_x=0.05, k4=0.5,
+                       k5=-0.05, k6=0.01, lens="rational"),
+}  # fmt: skip
 
 
 @pytest.fixture(params=CAMERAS.values(), ids=CAMERAS.keys())
 def camera(request):
     """Each of the test cameras."""
+    return request.param
+
+
+FISHEYE = Camera((1600, 1200), 520.0, 0.99, 790.0, 610.0, -0.03, 0.012, k3=-0.004, k4=6e-4, tilt_y=0.04, lens="fisheye")
+
+
+@pytest.fixture(params=[*CAMERAS.values(), FISHEYE], ids=[*CAMERAS.keys(), "fisheye"])
+def any_camera(request):
+    """Each of the test cameras, and one that sees behind itself."""
     return request.param
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose, imaged_ellipse
+from windmark.geometry.discs import _derivative
 
 
 @pytest.fixture
@@ -182,3 +183,11 @@ def test_a_disc_on_a_curved_surface_is_centred_where_its_outline_is(tilt_deg, sh
 def test_curvature_has_one_form_a_disc():
     with pytest.raises(ValueError, match=r"curvature_cam must be \(1, 3, 3\)"):
         imaged_ellipse(Camera((100, 100), 100.0), [[0, 0, 5.0]], [[0, 0, -1.0]], 0.1, np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("count", [8, 16, 32])
+def test_the_derivative_of_waves_round_the_outline_is_exact(count):
+    angle = 2 * np.pi * np.arange(count) / count
+    for k in range(count // 2):
+        for wave, slope in ((np.cos(k * angle), -k * np.sin(k * angle)), (np.sin(k * angle), k * np.cos(k * angle))):
+            np.testing.assert_allclose(_derivative(count) @ wave, slope * 2 * np.pi / count, atol=1e-12)

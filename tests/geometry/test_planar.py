@@ -18,6 +18,8 @@ from windmark.geometry.planar import (
     sound_pairs,
 )
 from windmark.geometry.planar._kernels import plate_places
+from windmark.geometry.planar.fit import FLAT, _check_spread
+from windmark.geometry.planar.outliers import NEIGHBOURS, _local_worst
 
 TURN = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
 OWN = {
@@ -233,3 +235,32 @@ def test_wrong_usage_is_said():
         planar_from_record({**record, "kind": "poly2"})
     with pytest.raises(ValueError, match="'cov' is missing"):
         planar_from_record({k: v for k, v in record.items() if k != "cov"})
+
+
+def test_of_neighbours_that_look_wrong_the_worst_is():
+    rng = np.random.default_rng(8)
+    x, wrong, evidence = rng.uniform(0, 100, (40, 2)), rng.random(40) < 0.4, rng.uniform(0, 50, 40)
+    expected = [
+        bool(wrong[k]) and evidence[k] >= evidence[np.argsort(np.hypot(*(x - x[k]).T))[: NEIGHBOURS + 1]].max()
+        for k in range(40)
+    ]
+    np.testing.assert_array_equal(_local_worst(wrong, evidence, x), expected)
+    assert any(expected)
+    assert not _local_worst(np.zeros(40, bool), evidence, x).any()
+    few = x[: NEIGHBOURS - 2], np.ones(NEIGHBOURS - 2, bool)
+    assert _local_worst(few[1], evidence[: NEIGHBOURS - 2], few[0]).sum() == 1
+
+
+@pytest.mark.parametrize(("part", "fits"), [(1.1, True), (0.9, False)])
+def test_markers_along_a_line_determine_a_similarity_alone(part, fits):
+    """The scatter across is FLAT of that along it, or just not; the message says both."""
+    along = np.linspace(-1, 1, 40)
+    across = np.where(np.arange(40) % 2, 1.0, -1.0)
+    across -= along * (across @ along) / (along @ along)
+    u = np.column_stack([along / along.std(), part * FLAT * across / across.std()])
+    _check_spread("similarity", u, 500.0)
+    if fits:
+        _check_spread("affine", u, 500.0)
+        return
+    with pytest.raises(DegenerateGeometry, match=r"affine is not determined: .* within 9 px .* 500 px long"):
+        _check_spread("affine", u, 500.0)

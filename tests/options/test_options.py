@@ -211,6 +211,11 @@ def test_ranges():
         kind.check("d")
     assert ratio.but(1.5).default == 1.5
     assert ratio.but(1.5).name == "ratio"
+    for one in ({"above": 0.0}, {"least": 0.0}, {"most": 0.0}):
+        assert [Option("x", 1.0, "A number.", **one).allows(v) for v in (-1.0, 0.0, 1.0)] == [
+            "most" in one, "above" not in one, "most" not in one,
+        ]  # fmt: skip
+    assert Option("label", "", "Any text.").allows("any text")
 
 
 def test_the_table_in_the_documentation_is_that_of_the_program():

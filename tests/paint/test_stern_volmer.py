@@ -179,3 +179,48 @@ def test_residuals_larger_than_stated_scale_the_covariance_and_are_said():
     fit = fit_paint(*cell(np.random.default_rng(5)), p_ref=101325.0, t_ref=293.15, ratio_sigma=0.0005)
     assert fit.sigma0 > 4
     assert any("times their stated sigmas" in w for w in fit.warnings)
+
+
+def test_flags_on_both_sides_of_every_end():
+    law, h = paint(), 1e-6
+    (p0, p1), (t0, t1) = law.p_range, law.t_range
+    middle_p, middle_t = (p0 + p1) / 2, (t0 + t1) / 2
+
+    def flags(p=middle_p, t=middle_t, p_off=middle_p, t_off=middle_t):
+        return int(law.invert(law.ratio(p, t) / law.ratio(p_off, t_off), t, p_off=p_off, t_off=t_off).flags[0])
+
+    for low, high, name, flag in (
+        (p0, p1, "p", 1), (t0, t1, "t", 2), (p0, p1, "p_off", 1), (t0, t1, "t_off", 2),
+    ):  # fmt: skip
+        for inside, outside in ((low * (1 + h), low * (1 - h)), (high * (1 - h), high * (1 + h))):
+            assert flags(**{name: inside}) == 0
+            assert flags(**{name: outside}) == flag
+    ratio = law.ratio(middle_p, middle_t)
+    assert law.invert([0.0, -1.0, np.inf], middle_t).flags.tolist() == [4, 4, 4]
+    assert law.invert(ratio, np.inf).flags.tolist() == [8]
+    for p_off, t_off in ((0.0, middle_t), (np.nan, middle_t), (middle_p, np.nan)):
+        assert law.invert(ratio, middle_t, p_off=p_off, t_off=t_off).flags.tolist() == [16]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"coefficients": [[1.0]]}, "with K >= 1"), ({"coefficients": [0.0, 1.0]}, "with K >= 1"),
+        ({"coefficients": [[0.1], [np.nan]]}, "finite"), ({"cov": np.eye(3)}, r"cov must be \(2, 2\), got \(3, 3\)"),
+        ({"p_ref": 0.0}, "p_ref must be > 0"), ({"t_ref": np.nan}, "t_ref finite"),
+        ({"p_range": (-1.0, 2.0)}, "must rise, p >= 0"), ({"p_range": (2.0, 2.0)}, "must rise"),
+        ({"p_range": (1.0, np.inf)}, "must rise"), ({"t_range": (2.0, 1.0)}, "must rise"),
+        ({"t_range": (1.0, np.inf)}, "must rise"), ({"t_range": (-np.inf, 1.0)}, "must rise"),
+    ],
+)  # fmt: skip
+def test_laws_that_are_none(change, words):
+    good = {
+        "coefficients": [[0.1], [0.9]],
+        "p_ref": 1.0,
+        "t_ref": 300.0,
+        "p_range": (0.0, 2.0),
+        "t_range": (300.0, 300.0),
+    }
+    assert SternVolmer(**good).order == (1, 0)
+    with pytest.raises((UsageError, ValueError), match=words):
+        SternVolmer(**(good | change))

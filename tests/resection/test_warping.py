@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.resection import interpolate_image, warp_image
+from windmark.resection import interpolate_image, warp_image, warping
 
 
 def picture(seed=0, shape=(90, 140)):
@@ -83,3 +83,18 @@ def test_wrong_usage_is_said():
         warp_image(picture(), bent, (0, 5))
     with pytest.raises(ValueError, match="image must be"):
         warp_image(np.zeros(5), bent, (5, 5))
+
+
+def test_weights_between_nodes_are_exact_for_parabolas():
+    """Nodes at -1, 0, 1, 2 of four weights; Catmull and Rom's are exact up to the second power."""
+    f = np.linspace(0, 1, 11)
+    w = np.stack(warping._weights(f), axis=1)
+    for power in range(3):
+        np.testing.assert_allclose(w @ np.array([-1.0, 0, 1, 2]) ** power, f**power, atol=1e-12)
+    x, y = np.meshgrid(np.arange(-8.0, 40, 8), np.arange(-8.0, 40, 8))
+    nodes = np.stack([x * y + x**2, y**2 - 3 * x], axis=-1)
+    xy = np.random.default_rng(1).uniform(0, 23, (40, 2))
+    a, b = xy.T
+    np.testing.assert_allclose(
+        warping._between(nodes, 8, xy), np.stack([a * b + a**2, b**2 - 3 * a], axis=1), atol=1e-9
+    )

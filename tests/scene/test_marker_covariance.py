@@ -92,3 +92,17 @@ def test_digits_that_were_cut_off_are_no_reason_to_refuse():
     flipped = centred - 2e-5 * 0.0123456789 * np.eye(9)
     with pytest.raises(UsageError, match="positive semidefinite"):
         MarkerCovariance(NAMES, flipped)
+
+
+@pytest.mark.parametrize(("below", "fine"), [(0.8, True), (1.2, False)])
+def test_how_far_below_zero_an_eigenvalue_may_be_grows_with_the_size(below, fine):
+    """Rounding adds up over the rows: `ROUNDING` for each of them."""
+    correlation = np.eye(9)
+    correlation[0, 1] = correlation[1, 0] = 1 + 9 * below * ROUNDING  # eigenvalues 1 +- this
+    sigma = np.linspace(1.0, 3.0, 9)
+    cov = correlation * np.outer(sigma, sigma)
+    if fine:
+        assert len(MarkerCovariance(NAMES, cov)) == 3
+    else:
+        with pytest.raises(UsageError, match="positive semidefinite"):
+            MarkerCovariance(NAMES, cov)

@@ -13,6 +13,7 @@ from windmark.scene import (
     Tracks,
     structured_triangles,
 )
+from windmark.scene.detections import middle_sigma
 
 
 def test_markers_fill_what_is_unknown_and_make_normals_unit():
@@ -55,6 +56,16 @@ def test_detections_repeat_scalars_and_check_shapes():
         Detections.make([[np.inf, 0]])
     with pytest.raises(ValueError, match="cov must be"):
         Detections(**{**vars(spots), "cov": np.zeros((1, 2, 2))})
+
+
+def test_the_middle_sigma_is_that_of_one_coordinate():
+    cov = np.array([np.diag([0.04, 0.12]), 0.01 * np.eye(2), np.eye(2)])
+    assert middle_sigma(cov) == pytest.approx(np.sqrt(0.08))
+    assert np.isnan(middle_sigma(cov[:0]))
+
+
+def test_spots_say_how_many_are_flagged():
+    assert "flagged=2" in repr(Detections.make(np.ones((5, 2)), flags=[0, 1, 0, 0, 6]))
 
 
 def test_a_matching_is_one_to_one():

@@ -61,6 +61,8 @@ def test_tables_of_pandas():
     table = wm.Detections.make([[1.0, 2.0], [3.0, 4.0]], sigma_px=0.1).to_pandas()
     assert table["y"].tolist() == [2.0, 4.0]
     np.testing.assert_allclose(table["sigma_x"], 0.1)
+    leaning = wm.Detections.make([[1.0, 2.0]], cov=[[[0.04, 0.03], [0.03, 0.09]]]).to_pandas()
+    np.testing.assert_allclose(leaning[["sigma_x", "sigma_y", "rho"]].iloc[0], [0.2, 0.3, 0.5])
     assert markers(3).to_pandas()["name"].tolist() == ["m0", "m1", "m2"]
 
 

@@ -30,6 +30,9 @@ def test_factors_between_the_pairs_are_none():
     assert mixed_units(12 * 0.99 * ALIKE, "in") == ("in", "ft")
     assert mixed_units(12 * 1.01 * ALIKE, "in") is None
     assert mixed_units(2.0, "mm") is None
+    assert mixed_units(25.4 * 1.25, "mm") == ("mm", "in")
+    assert mixed_units(25.4 * 1.4, "mm") is None
+    assert mixed_units(25.4 / 1.25, "mm") == ("mm", "in")
 
 
 def test_ratios_on_one_side_are_off_by_the_quartile_that_is_nearer_to_one():
@@ -54,6 +57,14 @@ def test_what_is_unknown_does_not_count_and_few_say_nothing():
         (1 / 25.4, "in", "25.4 times too large for the imaged markers: radii in mm beside places in inch?"),
         (0.5, "mm", "2 times too large for the imaged markers; diameters in their place?"),
         (2.0, "mm", "2 times too small for the imaged markers; another unit, or something else than radii?"),
+        (1 / 1.85, "mm", "1.85 times too large for the imaged markers; diameters in their place?"),
+        (1 / 2.15, "mm", "2.15 times too large for the imaged markers; diameters in their place?"),
+        (1 / 1.75, "mm", "1.75 times too large for the imaged markers; another unit, or something else than radii?"),
+        (1 / 2.05, "in", "2.05 times too large for the imaged markers; diameters in their place?"),
+        (2.1, "cm", "2.1 times too small for the imaged markers; another unit, or something else than radii?"),
+        (1 / 2.25, "in", "2.25 times too large for the imaged markers: radii in cm beside places in inch?"),
+        (1 / 2.25, "ft", "2.25 times too large for the imaged markers; another unit, or something else than radii?"),
+        (2.3, "in", "2.3 times too small for the imaged markers; another unit, or something else than radii?"),
         (1.7, "mm", "1.7 times too small for the imaged markers; another unit, or something else than radii?"),
     ],
 )

@@ -75,9 +75,7 @@ def _robust(camera: Camera, poses: list[Pose | None], marks: list[Mark]) -> tupl
         problem, start = problem_of(camera, [(poses[k], *marks[k]) for k in there], scale, loss)
         try:
             state = minimise(problem, start, _STEPS)[0]
-        except np.linalg.LinAlgError:
-            return None
-        except WindmarkError:
+        except (np.linalg.LinAlgError, WindmarkError):
             return None
         camera, poses = state.cameras[0], list(poses)
         for n, k in enumerate(there):

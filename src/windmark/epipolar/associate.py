@@ -251,7 +251,7 @@ def _check_options(
         raise ValueError(f"associate: points_near must be (N, 3), got {np.shape(points_near)}")
     if min_views < 3 or min_views > views:
         raise UsageError(f"associate: min_views must be 3 ... {views}, got {min_views}")
-    if not 0 < max_nfa <= 1e9:
-        raise UsageError(f"associate: max_nfa must be in (0, 1], got {max_nfa}")
+    if not max_nfa > 0:
+        raise UsageError(f"associate: max_nfa must be > 0, got {max_nfa}")
     if not model_px >= 0:
         raise UsageError(f"associate: model_px must be >= 0, got {model_px}")

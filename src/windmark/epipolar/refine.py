@@ -67,10 +67,11 @@ def refine_poses(
         covariance = in_datum(network_covariance(system, problem.layout))
         kept = np.bincount(point[used], minlength=len(xyz)) > 0
         fit = align(state.points[kept], xyz[kept])
-    except np.linalg.LinAlgError:
+    except (np.linalg.LinAlgError, WindmarkError):
         return None
-    except WindmarkError:
-        return None
+    # Residuals are smaller than the noise by what the unknowns have taken up.
+    free = 2 * used.sum() - 3 * kept.sum() - 6 * enough.sum() + 7
+    larger = max(scale * float(np.sqrt(2 * used.sum() / max(free, 1))), 1.0)
     enough &= _fitting(problem, state, views, scale)
     dense, units = covariance.dense(), problem.units(state)
     out = pose_cov.copy()
@@ -78,7 +79,7 @@ def refine_poses(
         index = problem.layout.columns.frame[v] + np.arange(6)
         change = np.eye(6)
         change[3:, :3], change[3:, 3:] = hat(units.frame_pivot[v]), units.frame_scale[v] * np.eye(3)
-        out[v] = change @ dense[np.ix_(index, index)] @ change.T * scale**2
+        out[v] = change @ dense[np.ix_(index, index)] @ change.T * larger**2
         out[v, 3:] *= fit.scale
         out[v, :, 3:] *= fit.scale
     moved = fit.moved(state.frames)

@@ -62,7 +62,7 @@ class Option(Generic[T]):
             return self.default is None
         if self.choices:
             return value in self.choices
-        if self.above is None and self.least is None and self.most is None:
+        if not self.range:
             return True
         number = float(value)
         return (

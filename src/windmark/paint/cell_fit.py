@@ -267,7 +267,8 @@ def _chosen(found: Mapping[Order, _Candidate]) -> Order:
     """The order of fewest unknowns whose cross-validation is within one standard error of the best."""
     best = min(found, key=lambda o: _rms(found[o].press))
     square = found[best].press ** 2
-    limit = float(square.mean() + square.std() / np.sqrt(len(square)))
+    # A row that alone decides a term is predicted by no other: then the fewest unknowns are all that can be asked for.
+    limit = float(square.mean() + square.std() / np.sqrt(len(square))) if np.isfinite(square).all() else np.inf
     good = [o for o in found if float((found[o].press ** 2).mean()) <= limit]
     return min(good, key=lambda o: ((o[0] + 1) * (o[1] + 1), _rms(found[o].press)))
 

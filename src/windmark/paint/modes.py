@@ -219,7 +219,7 @@ def principal_axes(cov: ArrayLike) -> Array:
     scale = np.sqrt(np.maximum(np.diagonal(c), 0.0))
     unit = np.where(scale > 0, scale, 1.0)
     value, vector = np.linalg.eigh((c / unit[:, None] / unit + (c / unit[:, None] / unit).T) / 2)
-    if value.min(initial=0.0) < -1e-8 * max(float(value.max(initial=0.0)), 1e-300):
+    if value[0] < -1e-8 * value[-1]:
         raise UsageError("cov is no covariance: it has a negative eigenvalue")
     vector = vector * np.where(vector[np.abs(vector).argmax(axis=0), np.arange(len(c))] < 0, -1.0, 1.0)
     return np.asarray((unit[:, None] * vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1])

@@ -128,12 +128,12 @@ class Wall:
         inner: list[NDArray[np.complex128]] = []  # admittance below each layer, from the last one up
         for k, layer in enumerate(self.layers[::-1]):
             inner.append(below)
-            own, t = layer.effusivity * root, np.tanh(layer.thickness * root / np.sqrt(layer.diffusivity))
-            below = own * (below + own * t) / (own + below * t)
+            own = layer.effusivity * root
             if k == 0 and self.back == "semi-infinite":
                 below = own
-            elif k == 0 and self.back == "isothermal":
-                below = own / t
+                continue
+            t = np.tanh(layer.thickness * root / np.sqrt(layer.diffusivity))
+            below = own / t if k == 0 and self.back == "isothermal" else own * (below + own * t) / (own + below * t)
         out, top, depth = np.zeros(np.shape(s), complex), np.ones(np.shape(s), complex), 0.0
         for k, (layer, under) in enumerate(zip(self.layers, inner[::-1], strict=True)):
             own, p = layer.effusivity * root, root / np.sqrt(layer.diffusivity)

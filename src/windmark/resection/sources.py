@@ -185,16 +185,20 @@ def _variance(source: Prepared, value: Array, xy: Array) -> Array:
 
 
 def _gradient(source: Prepared, xy: Array) -> Array:
-    """(N, 2) grey levels per pixel, over two pixels; over one next to what is missing."""
+    """(N, 2) grey levels per pixel, over two pixels; over less next to the border and to what is missing."""
     out = np.zeros((len(xy), 2))
-    here = interpolate_image(source.pixels, xy, interpolation="linear").astype(float)
+    last = np.array(source.pixels.shape[::-1]) - 1.0
+    place = np.clip(xy, 0.0, last)
+    here = interpolate_image(source.pixels, place, interpolation="linear").astype(float)
     for axis in range(2):
-        step = np.eye(2)[axis]
-        ahead, behind = (interpolate_image(source.pixels, xy + s * step, interpolation="linear").astype(float)
-                         for s in (1.0, -1.0))  # fmt: skip
-        span = np.isfinite(ahead).astype(float) + np.isfinite(behind)
-        change = np.where(np.isfinite(ahead), ahead, here) - np.where(np.isfinite(behind), behind, here)
-        out[:, axis] = np.nan_to_num(change / np.maximum(span, 1))
+        change, span = np.zeros(len(xy)), np.zeros(len(xy))
+        for sign in (1.0, -1.0):
+            beside = np.clip(place + sign * np.eye(2)[axis], 0.0, last)
+            there = interpolate_image(source.pixels, beside, interpolation="linear").astype(float)
+            known = np.isfinite(there)
+            change[known] += sign * (there - here)[known]
+            span[known] += np.abs(beside - place)[known, axis]
+        out[:, axis] = np.nan_to_num(change / np.maximum(span, 0.5))
     return out
 
 
@@ -254,7 +258,7 @@ def _noise_share(source: Prepared, xy: Array) -> Array:
 
         # The sixteen pixels from (i-1, j-1): a 4 x 4 box whose middle is shifted by half.
         near = maximum_filter(missing, size=4, origin=-1, mode="nearest")
-        wide &= ~near[np.clip(j - 1 + 1, 0, height - 1), np.clip(i - 1 + 1, 0, width - 1)]
+        wide &= ~near[j, i]
     return np.where(wide, np.prod((w**2).sum(axis=0), axis=1), linear)
 
 

@@ -155,8 +155,10 @@ class Mesh:
         first = np.flatnonzero(np.append(True, np.diff(part[order]) != 0))
         if len(first) == 1:
             return np.full(len(self.triangles), self.diagonal)
-        corners = self.vertices[self.triangles[order]]
-        low, high = np.minimum.reduceat(corners.min(axis=1), first), np.maximum.reduceat(corners.max(axis=1), first)
+        known = np.isfinite(self.vertices).all(axis=1, keepdims=True)
+        corners = np.where(known, self.vertices, np.nan)[self.triangles[order]]
+        low = np.fmin.reduceat(np.fmin.reduce(corners, axis=1), first)
+        high = np.fmax.reduceat(np.fmax.reduce(corners, axis=1), first)
         out = np.empty(len(order))
         out[order] = np.repeat(_part_sizes(low, high), np.diff(np.append(first, len(order))))
         return out
@@ -199,11 +201,8 @@ class Mesh:
         side, times = np.unique(sides[:, 0] * count + sides[:, 1], return_counts=True)
         border = np.unique(np.stack(np.divmod(side[times == 1], count)))
         border = border[np.isfinite(self.vertices[border]).all(axis=1)]
-        pairs = np.zeros((0, 2), np.int64)
-        if len(border):
-            near = cKDTree(self.vertices[border]).query_pairs(TOGETHER * (self.size or 1.0), output_type="ndarray")
-            pairs = border[near]
-        ends = np.concatenate([np.stack(np.divmod(side, count)), pairs.T], axis=1)
+        near = cKDTree(self.vertices[border]).query_pairs(TOGETHER * self.size, output_type="ndarray")
+        ends = np.concatenate([np.stack(np.divmod(side, count)), border[near].T], axis=1)
         graph = coo_array((np.ones(ends.shape[1], np.int8), (ends[0], ends[1])), shape=(count, count))
         return np.asarray(connected_components(graph, directed=False)[1][self.triangles[:, 0]], np.int64)
 
@@ -220,17 +219,17 @@ LARGER = 10.0
 
 
 def _part_sizes(low: Array, high: Array) -> Array:
-    """(P,) see `Mesh.sizes`, of parts with boxes ``low`` to ``high`` (P, 3)."""
+    """(P,) see `Mesh.sizes`, of parts with boxes ``low`` to ``high`` (P, 3), NaN for one without a known place."""
     own = np.linalg.norm(high - low, axis=1)
     order = np.argsort(-own, kind="stable")
-    below = np.minimum.accumulate(low[order][::-1])[::-1], np.maximum.accumulate(high[order][::-1])[::-1]
+    below = np.fmin.accumulate(low[order][::-1])[::-1], np.fmax.accumulate(high[order][::-1])[::-1]
     together = np.linalg.norm(below[1] - below[0], axis=1)  # each part with all that are smaller
     begins = np.append(True, own[order][:-1] > LARGER * together[1:])
     size = together[np.maximum.accumulate(np.where(begins, np.arange(len(own)), 0))]
     out = np.empty(len(own))
     out[order] = size
     reach = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
-    return np.asarray(np.minimum(np.maximum(out, reach), together[0]))
+    return np.asarray(np.fmin(np.fmax(out, reach), together[0]))
 
 
 def structured_triangles(ni: int, nj: int, first: int = 0, reverse: bool = False) -> NDArray[np.int32]:

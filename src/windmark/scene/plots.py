@@ -30,7 +30,7 @@ def pixel_axes(ax: Any, image: ArrayLike | None, xy: ArrayLike) -> Any:
     ax.set_aspect("equal")
     if image is not None:
         pixels = np.asarray(image)
-        low, high = np.nanpercentile(pixels, (1, 99)) if pixels.size else (0.0, 1.0)
+        low, high = np.nanpercentile(pixels, (1, 99))
         ax.imshow(pixels, cmap="gray", vmin=low, vmax=high if high > low else low + 1.0)
         return ax
     places = np.asarray(xy, dtype=float).reshape(-1, 2)
@@ -50,7 +50,7 @@ def space_axes(ax: Any, xyz: ArrayLike) -> Any:
     ax.set(xlabel="x", ylabel="y", zlabel="z")
     if len(places):
         low, high = places.min(axis=0), places.max(axis=0)
-        room = 0.55 * max(float((high - low).max()), 1e-12)
+        room = 0.55 * (float((high - low).max()) or 1.0)
         middle = 0.5 * (low + high)
         ax.set(**{f"{axis}lim": (m - room, m + room) for axis, m in zip("xyz", middle, strict=True)})
     return ax

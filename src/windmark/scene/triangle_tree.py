@@ -50,7 +50,7 @@ class TriangleTree:
                 code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
         order = np.argsort(code, kind="stable")
         used = -(-len(order) // LEAF)
-        leaves = 1 << max(used - 1, 0).bit_length()
+        leaves = 1 << (used - 1).bit_length()
         boxes = np.concatenate([np.full((2 * leaves - 1, 3), np.inf), np.full((2 * leaves - 1, 3), -np.inf)], axis=1)
         start = np.arange(0, len(order), LEAF)
         boxes[leaves - 1 : leaves - 1 + used, :3] = np.minimum.reduceat(corner[order].min(axis=1), start)

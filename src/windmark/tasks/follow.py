@@ -180,6 +180,8 @@ class _Follower:
     def frame(self, index: int, item: Any, instant: float, dt: float) -> FollowedFrame:
         """Follow one image."""
         start = working_time()
+        if self._reader is None and not isinstance(item, tuple):
+            raise UsageError(f"follow: expected names with grey images, or `read` for {type(item).__name__}")
         name = item[0] if isinstance(item, tuple) else item.name
         try:
             image = self._read(item)
@@ -211,10 +213,9 @@ class _Follower:
     def _read(self, item: Any) -> Image:
         if isinstance(item, tuple):
             image = np.asarray(item[1])
-        elif self._reader is not None:
-            image = self._reader(item)
         else:
-            raise UsageError(f"follow: expected names with grey images, or `read` for {type(item).__name__}")
+            assert self._reader is not None  # `frame` has asked
+            image = self._reader(item)
         height, width = image.shape[:2]
         if (width, height) != self._camera.size_px:
             expected = "{} x {}".format(*self._camera.size_px)

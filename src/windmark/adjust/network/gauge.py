@@ -97,8 +97,7 @@ def _free(
     rows = [np.sqrt(HELD) * point[network.held & network.used_point[:, None]]]
     rows += [np.sqrt(HELD) * m[fixed].reshape(-1, 7) for m, fixed in _fixed(network, frame, offset) if fixed.any()]
     if network.point_sigma is not None:
-        known = np.isfinite(network.point_sigma) & ~network.held
-        rows.append(point[known] * (units.point / network.point_sigma[known])[:, None])
+        rows.append((point * (units.point / network.point_sigma)[..., None]).reshape(-1, 7))
     if network.together is not None:
         rows.append(network.together.whitener @ point[network.together.point].reshape(-1, 7) * units.point)
     bars = network.bars
