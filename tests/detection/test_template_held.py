@@ -9,7 +9,7 @@ from windmark.detection.template._kernels.held import held_sums, pixel_table
 from windmark.detection.template._kernels.model import CENTRE, disc_sums, points_needed
 from windmark.detection.template.colour import colour_of, coloured
 from windmark.detection.template.disc_model import patch_model, shape_matrix
-from windmark.detection.template.fit import fit_at_once, fit_batches
+from windmark.detection.template.fit import fit_all, sized_windows
 from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.result import Frame
 from windmark.scene import Detections
@@ -83,13 +83,16 @@ def test_one_kernel_for_all_sizes_is_the_fits_by_size(held):
     )  # fmt: skip
     scene = Scene(image, None, 1.0, 320.0, True)
     others = Neighbours.find(request)
-    batches = fit_batches(scene, request, others, images=False)
-    assert len(batches) > 3
-    done = fit_at_once(scene, request, others)
-    for b in batches:
+    groups = sized_windows(scene, request, others)
+    assert len(groups) > 3
+    done, _ = fit_all(scene, request, others)
+    for w in groups:
+        states = w.done.states.copy()
+        states[:, :2] -= w.start
+        fitted = w.fit(np.arange(len(w.index)), states, w.patches)
         for name in ("pixel", "params", "cov", "states", "table", "usable", "saturated"):
             # The same sums; in which order the compiler takes them may differ by the last digits.
-            one, other = getattr(done, name)[b.index], getattr(b.fitted, name)
+            one, other = getattr(done, name)[w.index], getattr(fitted, name)
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12, err_msg=name)
     assert (done.column("status") == 1).mean() > 0.95
 

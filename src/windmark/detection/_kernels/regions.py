@@ -52,11 +52,12 @@ def _surface(g: Any, cy: int, cx: int, distance: float, ring: Any) -> float:
 def _flood(g: Any, cy: int, cx: int, level: float, smooth: bool, half: int, mask: Any, stack: Any, s: Any) -> float:
     """Region (4-connected) below the level that holds the pixel, into `mask` (1 of it, 2 beside it); its state.
 
-    `s` gets its pixels and the sums 1, x, y, xx, xy, yy from the first pixel.
+    `s` gets its pixels' sums 1, x, y, xx, xy, yy from the first pixel, and first and last column and row in the mask.
     """
     mask[:, :] = 0
     s[:6] = 0.0
     state, n, size = WHOLE, 1, 2 * half + 1
+    s[6:10] = half
     stack[0] = half * size + half
     mask[half, half] = 1
     while n > 0:
@@ -69,6 +70,7 @@ def _flood(g: Any, cy: int, cx: int, level: float, smooth: bool, half: int, mask
         s[3] += u * u
         s[4] += u * v
         s[5] += v * v
+        s[6], s[7], s[8], s[9] = min(s[6], i), max(s[7], i), min(s[8], j), max(s[9], j)
         for k in range(4):
             a, b = i + (1 - k if k % 2 == 0 else 0), j + (2 - k if k % 2 == 1 else 0)
             if not (0 <= a < size and 0 <= b < size):
@@ -90,10 +92,10 @@ def _flood(g: Any, cy: int, cx: int, level: float, smooth: bool, half: int, mask
 @nb.njit(cache=True, nogil=True)
 def _grey_moments(g: Any, cy: int, cx: int, top: float, depth: float, mask: Any, s: Any) -> None:
     """The sums of `_flood` over the region and what is beside it, weighted by the share of the depth."""
-    half = mask.shape[0] // 2
+    half, last = mask.shape[0] // 2, mask.shape[0] - 2
     s[:6] = 0.0
-    for j in range(1, mask.shape[0] - 1):
-        for i in range(1, mask.shape[0] - 1):
+    for j in range(max(int(s[8]) - 1, 1), min(int(s[9]) + 1, last) + 1):
+        for i in range(max(int(s[6]) - 1, 1), min(int(s[7]) + 1, last) + 1):
             near = mask[j, i] == 1
             if not near:  # within a pixel of the region: 8 neighbours
                 for b in range(-1, 2):
@@ -134,6 +136,8 @@ def disc_match(g: Any, x: float, y: float, shape: Any, out: Any) -> None:
     hx, hy = int(grow * math.hypot(a, b)) + 1, int(grow * math.hypot(b, c)) + 1
     cx, cy = math.floor(x + 0.5), math.floor(y + 0.5)
     step = max(1, int(big / 8.0))
+    minor = max(0.5 * (a + c) - math.hypot(0.5 * (a - c), b), 1e-12)
+    inner, outer = max(1.0 - 1.0 / minor, 0.0) ** 2, (1.0 + 1.0 / minor) ** 2  # of r^2, between which the edge is
     n = su = sv = suu = suv = svv = sg = sgu = sgv = sgg = st = stu = stv = stt = stg = 0.0
     total = 0.0
     base = math.nan
@@ -141,8 +145,8 @@ def disc_match(g: Any, x: float, y: float, shape: Any, out: Any) -> None:
         for i in range(-(hx // step) * step, hx + 1, step):
             u, v = cx + i - x, cy + j - y
             p, q = ia * u + ib * v, ib * u + ic * v
-            r = math.sqrt(p * p + q * q)
-            if r > grow:
+            r2 = p * p + q * q
+            if r2 > grow * grow:
                 continue
             total += 1.0
             if not (0 <= cy + j < g.shape[0] and 0 <= cx + i < g.shape[1]):
@@ -153,9 +157,10 @@ def disc_match(g: Any, x: float, y: float, shape: Any, out: Any) -> None:
             if base != base:
                 base = value
             value -= base
-            # distance to the edge across it, in pixels: (r - 1) over the length of r's gradient
-            edge = (r - 1.0) * r / max(math.sqrt((ia * p + ib * q) ** 2 + (ib * p + ic * q) ** 2), 1e-12)
-            t = min(max(0.5 - 0.5 * edge, 0.0), 1.0)
+            t = 1.0 if r2 < 1.0 else 0.0
+            if inner <= r2 <= outer:  # distance to the edge across it, px: (r - 1) over the length of r's gradient
+                r, slope2 = math.sqrt(r2), (ia * p + ib * q) ** 2 + (ib * p + ic * q) ** 2
+                t = min(max(0.5 - 0.5 * (r - 1.0) * r / max(math.sqrt(slope2), 1e-12), 0.0), 1.0)
             n += 1.0
             su += u
             sv += v
@@ -198,7 +203,7 @@ def disc_match(g: Any, x: float, y: float, shape: Any, out: Any) -> None:
 def region_at(g: Any, x0: int, y0: int, r0: float, noise: float, mask: Any, stack: Any, work: Any, out: Any) -> None:
     """Measure what is at a pixel, see `regions`."""
     half = mask.shape[0] // 2
-    s, ring = work[:6], work[6 : 6 + RING]
+    s, ring = work[:10], work[10 : 10 + RING]
     out[:] = math.nan
     out[11] = OPEN
     near, cx, cy, low, tie = int(0.5 * r0) + 1, x0, y0, math.inf, TIE * noise
@@ -246,15 +251,16 @@ def regions(g: Any, start: Any, r0: float, noise: Any) -> Any:
     The region below half depth round the darkest pixel, the depth from the median of a circle of radius 2 r0; from it
     centre, second moments and area, weighted by grey levels, and how well the ellipse of these explains its window.
     `fill` is the region's area over that of the ellipse with its second moments: 1 for ellipses, 0.955 for squares.
+    Where a region is not whole, shape and match are not asked.
     """
     half = int(REACH * r0) + 2
     size = 2 * half + 1
     mask, stack = np.zeros((size, size), np.uint8), np.empty(size * size, np.int64)
-    work, shape, out = np.empty(6 + RING), np.empty(3), np.empty((start.shape[0], 12))
+    work, shape, out = np.empty(10 + RING), np.empty(3), np.empty((start.shape[0], 12))
     for k in range(start.shape[0]):
         row = out[k]
         region_at(g, int(start[k, 0]), int(start[k, 1]), r0, noise[k], mask, stack, work, row)
-        if row[11] != OPEN:
+        if row[11] == WHOLE:
             ellipse_of(row[2], row[3], row[4], row[5], shape)
             disc_match(g, row[0], row[1], shape, row[6:10])
             row[2], row[3], row[4] = shape[0], shape[1], shape[2]

@@ -2,10 +2,9 @@
 
 Dirt, a scratch or a shadow's edge is no noise: it sits at one place and pulls the centre as a whole, while the
 covariance of least squares counts every pixel as one more independent witness. What such a thing does shows when its
-place is left out. The marker is fitted without each of eight overlapping quarters of its window, by steps from its fit,
-or anew where one of them leads far or does not settle; the scatter of the centres is the covariance of the
-delete-a-group jackknife (Shao and Wu, Annals of Statistics 17, 1989), right for errors that are independent from
-quarter to quarter whatever they are within.
+place is left out. The marker is fitted without each of eight overlapping quarters of its window, from its fit on; the
+scatter of the centres is the covariance of the delete-a-group jackknife (Shao and Wu, Annals of Statistics 17, 1989),
+right for errors that are independent from quarter to quarter whatever they are within.
 
 Outlines that are rough everywhere (print, hand-painted discs) move such centres too, those of clean markers as much as
 those of others: that is how the discs of this frame are, not what lies on one of them. The frame's clean markers are
@@ -24,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.detection.template.colour import colour_of
-from windmark.detection.template.fit import Fitted, Windows, sized_windows
+from windmark.detection.template.fit import Fitted, fit_all
 from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.result import TemplateFits
 from windmark.geometry.order import median
@@ -32,10 +31,8 @@ from windmark.geometry.order import median
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-QUARTERS = 8  # directions of the middles of the quarters
 LEFT_TO_GONE = 3.0  # pixels that stay over those left out: the jackknife's factor
 IN_WHITE_NOISE = 5.8  # jackknife over covariance, variances: a fit without a quarter loses more than a quarter
-FAR = 8.0  # of the centre's variance, square of a movement from which on fits tell, not steps
 ENOUGH = 5  # clean markers that say how discs are in this frame
 
 
@@ -88,42 +85,18 @@ def quarters_scatter(scene: Scene, request: Request, done: Fitted, others: Neigh
     moved = np.where(held[..., None], moved, 0.0)
     scatter = (moved[..., :, None] * moved[..., None, :]).sum(axis=1)
     scatter += np.square(np.where(held, 0.0, far)).sum(axis=1)[:, None, None] * np.eye(2)
-    return np.asarray(scatter * LEFT_TO_GONE / QUARTERS)
+    return np.asarray(scatter * LEFT_TO_GONE / moved.shape[1])
 
 
 def without_quarters(scene: Scene, request: Request, done: Fitted, others: Neighbours) -> Array:
     """Movement (K, 8, 2) of the centres of fits `done` without each quarter of the window; NaN where there is none."""
-    from windmark.detection.template._kernels.quarters import quarter_steps
+    from windmark.detection.template._kernels.cut import SECTORS
 
-    moved, noise2 = np.empty((len(request.xy), QUARTERS, 2)), done.column("noise2")
-    variance = np.trace(done.cov[:, :2, :2], axis1=1, axis2=2)
-    for w in sized_windows(scene, replace(request, states=done.states), others):
-        steps = np.empty((len(w.index), QUARTERS, 2))
-        quarter_steps(
-            w.patches, w.weights, w.done.states, noise2[w.index], variance[w.index], *w.known, steps
-        )  # fmt: skip
-        far = ~(np.square(steps).sum(axis=-1) <= FAR * variance[w.index, None])
-        every = np.nonzero(np.broadcast_to(far.any(axis=1)[:, None], far.shape))
-        steps[every] = _fitted_without(w, done, *every)
-        moved[w.index] = steps
-    return moved
-
-
-def _fitted_without(windows: Windows, done: Fitted, rows: Ints, quarters: Ints) -> Array:
-    """Movement (R, 2) of the centres of some windows' fits by fits without a quarter (R,); NaN where these fail."""
-    if not rows.size:
-        return np.empty((0, 2))
-    centre = done.params[windows.index[rows], :2, None, None]
-    x = np.arange(windows.weights.shape[1]) - windows.weights.shape[1] // 2
-    along = np.arctan2(x[:, None] - centre[:, 1], x[None, :] - centre[:, 0])
-    turn = (2.0 * np.pi / QUARTERS) * quarters[:, None, None]
-    gone = np.abs(np.remainder(along - turn + np.pi, 2.0 * np.pi) - np.pi) < np.pi / 4.0
-    left = windows.take(rows)
-    left.weights[gone] = 0.0
-    again = left.fit(np.arange(rows.size), done.states[windows.index[rows]], left.patches)
-    moved = again.params[:, :2] - done.params[windows.index[rows], :2]
+    row, gone = np.divmod(np.arange(SECTORS * len(request.xy)), SECTORS)
+    again, _ = fit_all(scene, replace(request, states=done.states).take(row), others.take(row), gone=gone)
+    moved = again.params[:, :2] - done.params[row, :2]
     moved[again.column("status") != 1] = np.nan
-    return np.asarray(moved)
+    return np.asarray(moved.reshape(-1, SECTORS, 2))
 
 
 def rougher(scatter: Array, cov: Array) -> float:

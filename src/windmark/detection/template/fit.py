@@ -69,61 +69,51 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Batch:
-    """Fits of markers whose patches have one size, with the images that the noise model needs.
+    """Fits of markers whose windows have one size, with the images that the noise model needs.
 
     Parameters
     ----------
     index : (B,) of the markers in the request
-    fitted : their fits
     images : (B, 4, S, S) influence of a pixel on x and on y, residual, model; 0 where a pixel was not used
     weighted : (B,) fitted with Tukey's weights
     """
 
     index: Ints
-    fitted: Fitted
     images: Array
     weighted: Flags
 
 
-def fit_batches(scene: Scene, request: Request, others: Neighbours, *, images: bool) -> list[Batch]:
-    """Fit all markers of a request, in batches; `images` are empty unless asked for."""
-    half = np.ceil(request.reach() + 0.5).astype(np.int64)
-    batches = []
-    for size in np.unique(half):
-        mine = np.flatnonzero(half == size)
-        count = -(-mine.size * (2 * int(size) + 1) ** 2 // BATCH_PIXELS)
-        batches += [
-            _fit_batch(scene, request.take(b), others.take(b), b, int(size), images)
-            for b in np.array_split(mine, count)
-        ]
-    return batches
+def fit_all(
+    scene: Scene, request: Request, others: Neighbours, *, images: bool = False, gone: Ints | None = None
+) -> tuple[Fitted, list[Batch]]:
+    """Fit all markers of a request, by one kernel for all sizes, and their images where these are wanted.
 
-
-def _fit_batch(scene: Scene, request: Request, others: Neighbours, index: Ints, half: int, images: bool) -> Batch:
-    from windmark.detection.template._kernels.fit import fit_discs
-
-    done, start, patches, weights = windows(scene, request, others, half)
-    starts, *known = _start(scene, request, done, start)
-    out = np.zeros((len(index), 4 if images else 0, *patches.shape[1:]))
-    fit_discs(patches, weights, starts, done.states, *known, done.table, done.params, done.cov, out)
-    done.states[:, :2] -= start
-    return Batch(index, done, out, np.isfinite(request.scale))
-
-
-def fit_at_once(scene: Scene, request: Request, others: Neighbours) -> Fitted:
-    """The fits of `fit_batches` without images, in the order of the request, by one kernel for all sizes."""
+    `gone` (K,): a quarter of each window, as of `leave_out`, without which it is fitted; None: nothing is left out.
+    """
     from windmark.detection.template._kernels.fit import cut_and_fit
 
     done, start = _unfitted(request)
     starts, *known = _start(scene, request, done, start)
     reach, share = request.reach(), np.empty((len(start), 2))
+    half = np.ceil(reach + 0.5).astype(np.int64)
+    order = np.argsort(half, kind="stable")  # those of one size share their scratch
+    numbers = 4 * (2 * half[order] + 1) ** 2 if images else np.zeros(len(half), np.int64)
+    flat, gone = np.zeros(numbers.sum()), np.full(len(half), -1) if gone is None else gone
     cut_and_fit(
-        *scene.pixels(), done.pixel, np.ceil(reach + 0.5).astype(np.int64), starts, reach, others.xy, others.radius,
-        others.margin, others.index, done.states, *known, share, done.table, done.params, done.cov,
+        *scene.pixels(), done.pixel, half, order, starts, reach, others.xy, others.radius, others.margin, others.index,
+        gone, done.states, *known, share, done.table, done.params, done.cov, flat,
     )  # fmt: skip
     done.usable[:], done.saturated[:] = share.T
     done.states[:, :2] -= start
-    return done
+    weighted, batches, first = np.isfinite(request.scale), [], 0
+    for size in np.unique(half) if images else ():
+        index, side = order[half[order] == size], 2 * int(size) + 1
+        count = -(-index.size * side**2 // BATCH_PIXELS)
+        for part in np.array_split(index, count):
+            last = first + part.size * 4 * side**2
+            batches.append(Batch(part, flat[first:last].reshape(-1, 4, side, side), weighted[part]))
+            first = last
+    return done, batches
 
 
 @dataclass(frozen=True)
@@ -147,15 +137,6 @@ class Windows:
     starts: Array
     known: tuple[Array, Array, Flags, Array, float]
 
-    def take(self, rows: Ints) -> Windows:
-        """Copies of some of the windows (R,), also several of one."""
-        priors, stiff, fixed, cut, multiplicative = self.known
-        known = priors[rows], stiff[rows], fixed, cut[rows], multiplicative
-        return Windows(
-            self.index[rows], self.done.take(rows), self.start[rows], self.patches[rows], self.weights[rows],
-            self.starts[rows], known,
-        )  # fmt: skip
-
     def fit(self, rows: Ints, states: Array, patches: Array) -> Fitted:
         """Fits (R,) of some of the windows from states (R, 10) as `Fitted` has them, to patches (R, S, S)."""
         from windmark.detection.template._kernels.fit import fit_discs
@@ -165,7 +146,7 @@ class Windows:
         again.states[:, :2] += self.start[rows]
         fit_discs(
             patches, self.weights[rows], self.starts[rows], again.states, priors[rows], stiff[rows], fixed, cut[rows],
-            multiplicative, again.table, again.params, again.cov, np.zeros((len(rows), 0, *patches.shape[1:])),
+            multiplicative, again.table, again.params, again.cov,
         )  # fmt: skip
         again.states[:, :2] -= self.start[rows]
         return again

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from windmark.detection.template.colour import coloured
 from windmark.detection.template.crlb import window_radius
 from windmark.detection.template.doubt import Doubts
-from windmark.detection.template.fit import Fitted
+from windmark.detection.template.fit import Fitted, fit_all
 from windmark.detection.template.hope import have_edges, may_be_discs
 from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import WINDOW_BLURS, Neighbours, Request, Scene
@@ -24,7 +24,7 @@ from windmark.detection.template.result import (
     ellipses,
     white_covariance,
 )
-from windmark.detection.template.robust import contaminated, decontaminated, fit_all, level, median_contrast, trust
+from windmark.detection.template.robust import contaminated, decontaminated, level, median_contrast, trust
 from windmark.detection.template.touching import fit_touching
 
 Array = NDArray[np.float64]

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from windmark.detection.quantile import weighted_quantile
 from windmark.detection.template.blocks import in_blocks
-from windmark.detection.template.fit import Batch, Fitted
+from windmark.detection.template.fit import Batch, Fitted, fit_all
 from windmark.detection.template.noise import FrameNoise, frame_noise
 from windmark.detection.template.odd import odd_ratio
 from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.result import SATURATED, Frame, TemplateFits, columns, white_covariance
-from windmark.detection.template.robust import CLEAN, fit_all, level, scatter
+from windmark.detection.template.robust import CLEAN, level, scatter
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,7 +83,7 @@ def learn_frame(scene: Scene, request: Request, *, blur: bool, noise: bool) -> t
         if not left and unsure < WEAK_BLUR:
             break
     if noise and clean.sum() >= CLEAN:
-        frame = replace(frame, noise=_learn_noise(scene, batches, clean))
+        frame = replace(frame, noise=_learn_noise(scene, done, batches, clean))
     return frame, request
 
 
@@ -156,7 +156,7 @@ def _continue(request: Request, index: Ints, done: Fitted, fits: TemplateFits) -
     return replace(request, xy=xy, radius=radius, states=states)
 
 
-def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise:
+def _learn_noise(scene: Scene, done: Fitted, batches: list[Batch], clean: Bools) -> FrameNoise:
     """Noise of the clean markers; patches of different sizes are filled up with unused pixels."""
     from windmark.detection.template._kernels.touching import derivatives
 
@@ -165,7 +165,7 @@ def _learn_noise(scene: Scene, batches: list[Batch], clean: Bools) -> FrameNoise
     for b in batches:
         good, pad = clean[b.index], (size - b.images.shape[-1]) // 2
         stack.append(np.pad(b.images[good], ((0, 0), (0, 0), (pad, pad), (pad, pad))))
-        fitted.append(b.fitted.take(good))
+        fitted.append(done.take(b.index[good]))
     images, params = np.concatenate(stack), np.concatenate([f.params for f in fitted])
     pixels = np.concatenate([f.column("pixels") for f in fitted])
     typical = np.argsort(pixels, kind="stable")[pixels.size // 2]

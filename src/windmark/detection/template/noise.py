@@ -37,7 +37,7 @@ TESTED = slice(1, 6)  # forms that hardly depend on the marker's shape: columns,
 UNLIKELY = 4.0  # noise is called white unless one of them differs by so many standard deviations
 SAME = 0.08  # ... or where that changes the variance of a centre by less
 OWN = 2.5  # chances by which a marker's residuals may be above the frame's before they are its own
-NOTHING = 1e-30  # a correlation: what is nearly 0 but not quite makes products ten times as slow
+NOTHING = 1e-12  # a correlation: what is nearly 0 but not quite makes products ten times as slow
 DIFFER = 3.0  # standard deviations of the markers' scatter by which they differ by more than chance
 
 
@@ -221,14 +221,15 @@ def _expectations(
 ) -> tuple[Array, Array]:
     """Expectations (forms, parts) of the forms per pixel for each part of strength 1, and the forms' own size.
 
-    Of each weight the first `count` of the tables make forms; the first two weights, parts.
+    Of each weight the first `count` of the tables make forms; the first two weights, parts. To 1e-6, as the forms.
 
     With S = w T w and C = v T' v: tr(S Q C Q) = tr(S C) - 2 tr(U^T S C U) + tr(U^T S U U^T C U), and
     tr(S C) = (w v)^T (T * T') (w v) because T * T' is again a correlation along columns times one along rows.
     """
     shape = jacobian.shape
-    basis = np.linalg.qr(jacobian.reshape(shape[0], -1).T)[0].T.reshape(shape)
-    rows, columns = np.array([r for r, _ in tables[:count]]), np.array([c for _, c in tables[:count]])
+    basis = np.linalg.qr(jacobian.reshape(shape[0], -1).T)[0].T.reshape(shape).astype(np.float32)
+    weights = [w.astype(np.float32) for w in weights]
+    rows, columns = np.array(tables[:count], dtype=np.float32).swapaxes(0, 1)
     parts = count * len(weights[:2])
     sandwich = np.concatenate([w * (rows[:, None] @ (w * basis) @ columns[:, None]) for w in weights])
     inner = np.einsum("iab,fjab->fij", basis, sandwich, optimize=True)
@@ -241,4 +242,4 @@ def _expectations(
             block[a, b] = block[b, a] = ((w * v) * (both_rows @ (w * v) @ both_columns)).sum((1, 2))
             out[i * count : (i + 1) * count, j * count : (j + 1) * count] += block
     size = np.concatenate([np.sqrt((w**2 * (rows**2 @ w**2 @ columns**2)).sum((1, 2))) for w in weights])
-    return out / pixels, size / pixels
+    return np.asarray(out, np.float64) / pixels, np.asarray(size, np.float64) / pixels

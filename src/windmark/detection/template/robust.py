@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.detection.template.fit import TUKEY, Batch, Fitted, fit_at_once, fit_batches
+from windmark.detection.template.fit import TUKEY, Batch, Fitted, fit_all
 from windmark.detection.template.noise import FrameNoise
 from windmark.detection.template.request import Neighbours, Request, Scene
 from windmark.detection.template.stroke import fit_strokes
@@ -21,19 +21,6 @@ CLEAN = 5  # clean markers needed to say something about the frame
 WORSE, FAR = 1.4, 4.9  # contaminated: residual variance over the expected one; largest residual in standard deviations
 BEST, TOLERATED = 48, 0.75  # of so many markers so large a share is what the frame's markers look like
 UNUSUAL = 3.2  # the same, in robust standard deviations of the logarithm over the frame
-
-
-def fit_all(scene: Scene, request: Request, others: Neighbours, *, images: bool) -> tuple[Fitted, list[Batch]]:
-    """Fits in the order of the request, and their batches; no batches where images are not wanted."""
-    if not images:
-        return fit_at_once(scene, request, others), []
-    batches = fit_batches(scene, request, others, images=images)
-    if len(batches) == 1:
-        return batches[0].fitted, batches
-    done = Fitted.empty(len(request.xy))
-    for b in batches:
-        done.put(b.index, b.fitted)
-    return done, batches
 
 
 def trust(noise: FrameNoise | None, done: Fitted, batches: list[Batch]) -> tuple[Array, Array]:
@@ -136,11 +123,15 @@ def _narrowed(
     scene: Scene, request: Request, others: Neighbours, wide: Array, images: bool
 ) -> tuple[Fitted, list[Batch]]:
     """Fits with weights that start `wide` times as wide and are halved until they are as asked for."""
-    while (wide > 1.0).any():
-        done, _ = fit_all(scene, replace(request, scale=request.scale * wide), others, images=False)
-        request = replace(request, states=np.where((done.column("status") >= 0)[:, None], done.states, request.states))
+    states = request.states.copy()
+    while (index := np.flatnonzero(wide > 1.0)).size:
+        one = request.take(index)
+        one = replace(one, scale=one.scale * wide[index], states=states[index])
+        done, _ = fit_all(scene, one, others.take(index), images=False)
+        fitted = done.column("status") >= 0
+        states[index[fitted]] = done.states[fitted]
         wide = np.maximum(0.5 * wide, 1.0)
-    return fit_all(scene, request, others, images=images)
+    return fit_all(scene, replace(request, states=states), others, images=images)
 
 
 def scatter(values: Array) -> float:

@@ -11,7 +11,7 @@ from windmark.geometry._jit import nb
 
 MOSTLY = 0.5  # share of saturated pixels from which on they are used
 UNKNOWN, KNOWN, SATURATED = 0, 1, 2  # kinds of pixels
-
+SECTORS = 8  # of a window, round the centre: two that are next to each other are a quarter
 
 
 class Pixels(NamedTuple):
@@ -126,3 +126,23 @@ def cut_window(
                     if rim < margin[n] and rim < math.hypot(i - cx, j - cy) - radius:
                         weight[j, i] = 0.0
     return used / max(disc, 1), over / max(seen, 1)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def sector_of(x: float, y: float) -> int:
+    """Which of eight equal sectors a direction lies in, from x towards y."""
+    steep = 1 if abs(y) > abs(x) else 0
+    if y >= 0.0:
+        return steep if x > 0.0 else 3 - steep
+    return 4 + steep if x <= 0.0 else 7 - steep
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def leave_out(weight: Any, xy: Any, quarter: int) -> None:
+    """Weights (S, S) of 0 in a quarter of a window: that centred on the direction quarter * pi / 4 from a place."""
+    half = weight.shape[0] // 2
+    for j in range(weight.shape[0]):
+        for i in range(weight.shape[0]):
+            s = sector_of(i - half - xy[0], j - half - xy[1])
+            if s == quarter or s == (quarter + SECTORS - 1) % SECTORS:
+                weight[j, i] = 0.0

@@ -20,7 +20,7 @@ from windmark.detection.template._kernels.algebra import (
 )
 from windmark.detection.template._kernels.bands import ROWS, banded, extremes, forget, used_runs
 from windmark.detection.template._kernels.centre import center_map, influences, signal
-from windmark.detection.template._kernels.cut import cut_window
+from windmark.detection.template._kernels.cut import cut_window, leave_out
 from windmark.detection.template._kernels.held import held_sums, pixel_table
 from windmark.detection.template._kernels.model import CUT, SHAPE, compare, evaluate, points_needed, rim_sums
 from windmark.detection.template._kernels.state import advance, at_bound, moments, shape_of
@@ -34,7 +34,8 @@ SAME_CHI2 = 2e-3  # increase of chi^2 let pass: the derivatives are not exact in
 JUMP = 1e-3  # increase of chi^2 per depth / noise let pass where the number of points on the ellipse has changed
 NOISE_PER_CUT = 1.0 / 4.685**2  # cut = 1 / (4.685 noise)^2: Tukey's weights with 95 % efficiency
 KNOWN_BLUR = 0.5  # share of what is known of the blur that is known beforehand
-WIDE = 2.0  # reaches of the rim to both sides: discs with larger radii have pixels away from it that are worth it
+WIDE = 1.25  # reaches of the rim to both sides: discs with larger radii have pixels away from it that are worth it
+LARGE = 2.0  # the same, of discs that have one minimum, and are started with their depth
 MODEL_ERROR = 2e-5  # of the depth; no fit is better than the model
 FITS = ("cost", "noise2", "evaluations", "status", "pixels", "largest", "signal", "rejected")  # columns of `fit_discs`
 
@@ -142,49 +143,58 @@ def damped(gain: float, damping: float, least: float) -> tuple[float, float]:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fit_discs(
     patches: Any, weights: Any, starts: Any, states: Any, priors: Any, stiff: Any, fixed: Any, cut: Any,
-    multiplicative: float, out: Any, params: Any, cov: Any, influence: Any,
+    multiplicative: float, out: Any, params: Any, cov: Any,
 ) -> None:  # fmt: skip
     """Fit M patches (M, S, S).
 
     `starts` (M, 4): x, y, radius, blur; `states` (M, 10) overwritten by the result, used as start where states[k, 0] is
     finite. `out` (M, 8): `FITS`. `params` (M, 10) and `cov` (M, 10, 10): model parameters and their covariance, zero
-    rows for what was held, NaN where the fit failed. `influence` (M, 4, S, S) or empty: what one grey level in a pixel
-    does to the centre's x and y, the residual, and the model's image; 0 where the pixel has no weight.
+    rows for what was held, NaN where the fit failed.
     """
-    size = patches.shape[1]
+    size, none = patches.shape[1], np.empty((0, 1, 1))
     space, edges = workspace(size), pixel_table(starts[0, 3] if len(starts) else 1.0)
     for k in range(len(patches)):
         if fixed[2] and k > 0 and starts[k, 3] != starts[k - 1, 3]:
             edges = pixel_table(starts[k, 3])
         fit_window(
             patches[k], weights[k], starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, out[k],
-            params[k], cov[k], influence[k], edges, space,
+            params[k], cov[k], none, edges, space,
         )  # fmt: skip
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def cut_and_fit(
-    image: Any, usable: Any, sign: float, saturation: float, pixel: Any, half: Any, starts: Any, reach: Any, xy: Any,
-    radii: Any, margin: Any, others: Any, states: Any, priors: Any, stiff: Any, fixed: Any, cut: Any,
-    multiplicative: float, share: Any, out: Any, params: Any, cov: Any,
+    image: Any, usable: Any, sign: float, saturation: float, pixel: Any, half: Any, order: Any, starts: Any, reach: Any,
+    xy: Any, radii: Any, margin: Any, others: Any, gone: Any, states: Any, priors: Any, stiff: Any, fixed: Any,
+    cut: Any, multiplicative: float, share: Any, out: Any, params: Any, cov: Any, images: Any,
 ) -> None:  # fmt: skip
-    """`cut_windows` and `fit_discs` in one go, without images: windows of radii `half` (K,) round the pixels (K, 2)."""
-    size, none = 0, np.empty((0, 1, 1))
-    edges = pixel_table(starts[0, 3] if len(starts) else 1.0)
-    for k in range(len(pixel)):
+    """`cut_windows` and `fit_discs` in one go: windows of radii `half` (K,) round pixels (K, 2), in an `order` (K,).
+
+    `gone` (K,) of `leave_out`, about the centre to start from. `images`, flat, in the order, or empty: for each marker
+    (4, S, S) what one grey level in a pixel does to the centre's x and y, the residual, and the model's image; 0 where
+    the pixel has no weight.
+    """
+    size, at, many, blur = 0, 0, 0, 1.0
+    edges = pixel_table(blur)
+    for k in order:
         if 2 * half[k] + 1 != size:
             size = 2 * half[k] + 1
             space, patch, weight = workspace(size), np.empty((size, size)), np.empty((size, size))
-            kind = np.empty((size, size), np.uint8)
-        if fixed[2] and k > 0 and starts[k, 3] != starts[k - 1, 3]:
-            edges = pixel_table(starts[k, 3])
+            kind, many = np.empty((size, size), np.uint8), 4 if images.size > 0 else 0
+        if fixed[2] and starts[k, 3] != blur:
+            blur = starts[k, 3]
+            edges = pixel_table(blur)
         share[k, 0], share[k, 1] = cut_window(
             image, usable, sign, saturation, pixel[k], starts[k], starts[k, 2], starts[k, 3], reach[k], xy, radii,
             margin, others[k], patch, weight, kind,
         )  # fmt: skip
+        if gone[k] >= 0:
+            leave_out(weight, states[k], gone[k])
+        influence = images[at : at + many * size * size].reshape((many, size, size))
+        at += influence.size
         fit_window(
             patch, weight, starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, out[k], params[k],
-            cov[k], none, edges, space,
+            cov[k], influence, edges, space,
         )  # fmt: skip
 
 
@@ -207,7 +217,8 @@ def fit_window(
     """One of `fit_discs`; `edges` of `pixel_table` for the blur of `start`."""
     jac, res, table, matrix, work, t, vectors, held, back, rows, centre, spans, bands, _, _ = space
     size, pixels = patch.shape[0], 0.0
-    wide = not fixed[2] and start[2] > WIDE * (CUT * start[3] + 0.5)
+    reach = CUT * start[3] + 0.5
+    wide = not fixed[2] and start[2] > WIDE * reach
     if wide:
         used_runs(weight, spans)
         jac[:8], bands[:] = 0.0, 0
@@ -216,8 +227,10 @@ def fit_window(
             pixels += weight[j, i]
     if not math.isfinite(u[0]):
         moments(patch, weight, start, u)
-        if wide:  # The hole's volume is pi times depth times det L. Small discs begin with pi times the depth: their
-            u[6] /= math.pi  # fits end in the better one of two minima more often (PTV cavity: 16 against 11 markers).
+        # The hole's volume is pi times depth times det L. Small discs begin with pi times the depth: their fits end in
+        # the better one of two minima more often (PTV cavity: 16 against 11 markers).
+        if wide and start[2] > LARGE * reach:
+            u[6] /= math.pi
     cost, noise2, evaluations, status, points = fit_disc(
         patch, weight, u, prior, stiff, fixed, cut, multiplicative, pixels - 10.0, wide, edges, space
     )

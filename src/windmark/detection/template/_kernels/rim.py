@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from windmark.detection.template._kernels.cut import sector_of
 from windmark.detection.template._kernels.model import evaluate, points_needed
-from windmark.detection.template._kernels.quarters import sector_of
 from windmark.geometry._jit import nb
 
 SECTORS = 8
