@@ -2,8 +2,8 @@
 
 21 hand-held pictures of a regular sheet of 10 x 10 discs; of 8, 5, 4 and 3 every so many-th. Rough coordinates:
 PhotoModeler's with 4 mm of noise, which leaves nothing that tells the sheet from itself turned by 90 degrees; so the
-disc 1001 is labelled in three pictures, to a pixel. "free": a free network, fitted to PhotoModeler's coordinates (shift,
-turn, scale); "control": the four coded discs at the places that were published for them, no fit.
+disc 1001 is labelled in three pictures, to a pixel. "free": a free network, fitted to PhotoModeler's coordinates
+(shift, turn, scale); "control": the four coded discs at the places that were published for them, no fit.
 
 Printed: pictures and marks that were matched, marks that were matched wrongly (farther than 4 px from the published
 mark of that name), RMS of the coordinates less PhotoModeler's, the mean sigma that is stated for them, and z, the RMS
