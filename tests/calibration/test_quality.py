@@ -160,7 +160,7 @@ def test_projection_sigma_is_that_of_cameras_turned_onto_the_true_one():
     """Draws of the parameters; what a turn of the whole camera takes up is taken out by least squares."""
     rng = np.random.default_rng(3)
     camera = Camera((300, 200), 250.0, 1.0, 150.0, 100.0, k1=-0.1)
-    cov = np.zeros((14, 14))
+    cov = np.zeros((15, 15))
     root = rng.normal(size=(5, 5)) * np.array([0.5, 1e-3, 0.8, 0.8, 2e-3])[:, None]
     own = [0, 1, 2, 3, 4]
     cov[np.ix_(own, own)] = root @ root.T
@@ -172,7 +172,7 @@ def test_projection_sigma_is_that_of_cameras_turned_onto_the_true_one():
     turn = np.linalg.lstsq(np.stack(columns, axis=1), np.eye(pixel.size), rcond=None)[0]
     off = []
     for _ in range(1500):
-        step = np.zeros(14)
+        step = np.zeros(15)
         step[own] = root @ rng.normal(size=5)
         moved = (camera.with_parameters(camera.parameters() + step).project(ray)[0] - pixel).ravel()
         off.append(moved - np.stack(columns, axis=1) @ (turn @ moved))
@@ -187,12 +187,12 @@ def test_halves_change_by_their_sigmas_whatever_the_units():
     rng = np.random.default_rng(4)
     root = np.diag([3.0, 1e-3, 0.01]) @ rng.normal(size=(3, 3))
     at, camera, ratio = [0, 4, 6], Camera((300, 200), 250.0), []
-    cov = np.zeros((14, 14))
+    cov = np.zeros((15, 15))
     cov[np.ix_(at, at)] = root @ root.T
     for _ in range(1000):
         two = []
         for _ in range(2):
-            step = np.zeros(14)
+            step = np.zeros(15)
             step[at] = root @ rng.normal(size=3)
             two.append(SimpleNamespace(cameras={"c": camera.with_parameters(camera.parameters() + step, cov=cov)}))
         ratio.append(_interior_ratio(*two))

@@ -8,8 +8,9 @@ import pytest
 
 from windmark.adjust import PaperOptions
 from windmark.calibration import Calibration, Distance, Fixed, Free, NotCalibrated, Weighted, self_calibrate, solve
-from windmark.geometry import Pose, imaged_ellipse
+from windmark.geometry import Camera, Pose, imaged_ellipse
 from windmark.geometry.similarity import align
+from windmark.scene import MarkerSet, Observations, View
 
 
 def run(case, **options):
@@ -46,6 +47,32 @@ def test_a_shear_is_found_with_its_sigma_and_is_nothing_where_there_is_none():
         assert 1e-6 < result.sigma("cam0", "shear") < 2e-4
         assert abs(result.cameras["cam0"].shear - shear) < 4 * result.sigma("cam0", "shear")
     assert run(case, datum=Free()).sigma0 > 1.3
+
+
+def test_a_focus_that_nothing_checks_is_said_with_what_it_would_do():
+    """Four pictures of a flat sheet: the largest change of the focal length that 0.3 % in one of them makes."""
+    i, j = np.divmod(np.arange(64), 8)
+    xyz = np.stack([i * 50.0 - 175, j * 50.0 - 175, np.zeros(64)], axis=1)
+    camera, sigma_px = Camera((1600, 1200), 1500.0), 0.06
+    eyes = [(-200, -150, 620), (220, -100, 560), (150, 230, 600), (-180, 200, 580)]
+    poses = [Pose.look_at(eye, [0, 0, 0], [np.cos(k), np.sin(k), 0]) for k, eye in enumerate(eyes)]
+    markers, views = MarkerSet.make([f"m{k}" for k in range(64)], xyz), [View(f"v{k}") for k in range(4)]
+
+    def calibrated(change):
+        cameras = [replace(camera, focal_px=1500.0 * (1 + c)) for c in change]
+        seen = [c.project(p.apply(xyz))[0] for c, p in zip(cameras, poses, strict=True)]
+        cov = np.full((256, 1, 1), sigma_px**2) * np.eye(2)
+        obs = Observations(*np.divmod(np.arange(256), 64), np.concatenate(seen), cov)
+        return self_calibrate(obs, markers, {"camera": camera}, views, datum=Free())
+
+    result = calibrated(np.zeros(4))
+    said = [w for w in result.warnings if "nothing checks" in w]
+    moved = [abs(calibrated(0.003 * np.eye(4)[v]).cameras["camera"].focal_px - 1500.0) for v in range(4)]
+    sigma = result.sigma("camera", "focal_px")
+    assert [result.warnings, result.suspect] == [tuple(said), ()]
+    assert len(said) == 1
+    assert float(said[0].split("off by ")[1].split(" px")[0]) == pytest.approx(max(moved), rel=0.1)
+    assert max(moved) > 3 * sigma
 
 
 @pytest.mark.parametrize("rig", [False, True])
@@ -286,3 +313,13 @@ def test_a_prior_that_is_surer_than_the_pictures_is_the_sigma_of_its_parameter(p
     result = run(case, datum=Free(), prior_sigma={parameter: sigma}, given={"camera": networks.CAMERA})
     assert result
     assert result.sigma("cam0", parameter) == pytest.approx(sigma * max(1.0, result.sigma0), rel=0.005)
+
+
+def test_marks_without_noise_contradict_nothing():
+    """Residuals of 1e-10 px are no evidence for another focus, or a picture that is not of the others."""
+    case = networks.make(44, points=40, views=6, noise=1e-9, seen=1.0)
+    cov = np.broadcast_to(0.01 * np.eye(2), case.network.cov.shape)
+    exact = run(replace(case, network=replace(case.network, cov=cov)), datum=Free())
+    assert exact.sigma0 < 1e-5
+    assert exact.warnings == ()
+    assert exact.dropped == {}

@@ -10,6 +10,10 @@ LEAST_TAIL = 1e-290
 """Of a binomial tail: below it a double underflows, and its first terms are summed instead."""
 
 
+EXACT = 1e-3
+"""Residuals of so small a part of what the covariances say are those of numbers without noise."""
+
+
 def chance(test: float, dof: int, squares: float, redundancy: int) -> float:
     """Probability that unknowns that are not there explain so much.
 
@@ -17,12 +21,13 @@ def chance(test: float, dof: int, squares: float, redundancy: int) -> float:
     ----------
     test : by which the sum of squares falls when ``dof`` unknowns are added
     dof : how many are added; fewer than one, or no redundancy beside them, tell nothing: 1
-    squares, redundancy : weighted sum of squared residuals without them, and its degrees of freedom
+    squares, redundancy : weighted sum of squared residuals without them, and its degrees of freedom; residuals below
+        `EXACT` are rounding, in which there is nothing to explain
 
     F of what is explained beside what is left (Teunissen, "Testing theory", 2000, ch. 4), so that residuals that
     are all larger than stated make no hypothesis likely.
     """
-    free, rest = redundancy - dof, squares - test
+    free, rest = redundancy - dof, max(squares, redundancy * EXACT**2) - test
     if free < 1 or dof < 1:
         return 1.0
     return 0.0 if rest <= 0 else float(fdtrc(dof, free, test / dof * free / rest))

@@ -59,7 +59,7 @@ def most_foreign(solved: Solved) -> int:
 
 def of_its_own(job: Job, solved: Solved, view: int) -> str:
     """By how much the focal length of a view is another one, as far as its marks ask for that, in words; "" for not."""
-    found = [r for r in refocused(job, solved)[0] if r.view == job.views[view].name]
+    found = [r for r in refocused(job, solved).own if r.view == job.views[view].name]
     return f" (by its focal length {100 * found[0].change:+.2g} %: free_focal)" if found else ""
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from windmark.adjust import chance
 from windmark.adjust.network.problem import camera_columns
@@ -46,6 +47,9 @@ def contradicted(job: Job, solved: Solved) -> dict[str, tuple[float, float]]:
     return found
 
 
+ANEW, NOTICED, MATTERS = 0.003, 0.8, 3.0
+"""A relative change of the focal length, as a consumer's camera makes it where it focuses anew; the probability with
+which the test of a view finds it, or else it goes unnoticed; sigmas by which it must move the camera's to be said."""
 NAMED = 5
 """Pictures that are named at most."""
 
@@ -59,11 +63,32 @@ class Refocused:
     sigma: float
 
 
-def refocused(job: Job, solved: Solved) -> tuple[list[Refocused], float]:
-    """Views whose marks ask for a focal length of their own, among those that share that of their camera.
+@dataclass(frozen=True)
+class Unnoticed:
+    """What a focal length that is `ANEW` off in one view, where it would mostly not be seen, does to the camera's."""
 
-    Also the root mean square change of all, where they together ask for it though perhaps none alone does; else 0.
+    off_px: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Focus:
+    """What the marks say of the focal lengths of the views that share their camera's.
+
+    Parameters
+    ----------
+    own : views that ask for one of their own
+    together : root mean square change of all, where they together ask for it though perhaps none alone does; else 0
+    worst : the most that a change in one view would do unnoticed, where it matters
     """
+
+    own: tuple[Refocused, ...] = ()
+    together: float = 0.0
+    worst: Unnoticed | None = None
+
+
+def refocused(job: Job, solved: Solved) -> Focus:
+    """Views whose marks ask for a focal length of their own, and whether the marks would show it (Baarda 1968)."""
     problem, state, obs = solved.problem, solved.state, job.observations
     marks, lay, order = problem.marks, problem.layout, problem.order
     center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.scene(state).view_camera[marks.views]]
@@ -74,7 +99,7 @@ def refocused(job: Job, solved: Solved) -> tuple[list[Refocused], float]:
     b = np.where(used[:, None], r + (white @ (marks.xy - marks.shift - center)[..., None])[..., 0], 0.0)
     views = np.array([v for v in np.unique(obs.view[solved.taken][solved.used]) if lay.columns.focal[v] < 0])
     if not len(views):
-        return [], 0.0
+        return Focus()
     at = np.full(len(job.views), -1)
     at[views] = np.arange(len(views))
     by_view = at[marks.views]
@@ -83,7 +108,8 @@ def refocused(job: Job, solved: Solved) -> tuple[list[Refocused], float]:
     power, score = np.zeros(len(views)), np.zeros(len(views))
     np.add.at(power, by_view[known], (b[known] ** 2).sum(axis=1))
     np.add.at(score, by_view[known], (b[known] * r[known]).sum(axis=1))
-    every = np.diag(power) - cross.T @ solved.covariance.product(cross)
+    moved = solved.covariance.product(cross)
+    every = np.diag(power) - cross.T @ moved
     left = np.diagonal(every)
     out = []
     for n, v in enumerate(views):
@@ -97,15 +123,47 @@ def refocused(job: Job, solved: Solved) -> tuple[list[Refocused], float]:
     test = float((change**2 * value[told]).sum())
     together = _chance(test, int(told.sum()), solved) < FALSE
     rms = float(np.sqrt((((vector[:, told] @ change) / size) ** 2).mean())) if together else 0.0
-    return out, rms
+    return Focus(tuple(out), rms, _worst(solved, views, left, moved))
+
+
+def _worst(solved: Solved, views: NDArray[np.int64], left: Array, moved: Array) -> Unnoticed | None:
+    """What the view does that may be focused anew unnoticed and moves its camera's focal length most, if it matters.
+
+    ``left`` (V,) and ``moved`` (D + E b, V) of the ``views``: what the network's unknowns leave over of a change of
+    each one's focal length, and how they move with it (external reliability).
+    """
+    smallest = (norm.isf(FALSE / (2 * len(views))) + norm.isf(1 - NOTICED)) * np.sqrt(
+        solved.scale / np.maximum(left, np.finfo(float).tiny)
+    )
+    problem = solved.problem
+    camera = problem.scene(solved.state).view_camera[views]
+    column = problem.layout.columns.camera[camera, PARAMETERS.index("focal_px")]
+    sigma = np.sqrt(solved.scale * np.diagonal(solved.covariance.dense)[np.maximum(column, 0)])
+    change = ANEW * np.abs(moved[np.maximum(column, 0), np.arange(len(views))])
+    ratio = np.where((column >= 0) & (smallest > ANEW) & (sigma > 0), change / np.where(sigma > 0, sigma, 1.0), 0.0)
+    n = int(np.argmax(ratio))
+    if not ratio[n] > MATTERS:
+        return None
+    unit = float(problem.units(solved.state).camera[camera[n], PARAMETERS.index("focal_px")])
+    return Unnoticed(float(change[n]) * unit, float(ratio[n]))
 
 
 def focus_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
-    """What is said of pictures whose focal length is not that of the others, the surest first."""
-    found, together = refocused(job, solved)
-    if not found:
-        rms = f"focal lengths of the pictures differ by {g2(100 * together)} % (rms): free_focal"
-        return (Doubt((), rms, "focal"),) if together else ()
+    """What is said of pictures whose focal length is not that of the others, the surest first, or may not be."""
+    focus = refocused(job, solved)
+    if not focus.own and focus.together:
+        words = f"focal lengths of the pictures differ by {g2(100 * focus.together)} % (rms): free_focal"
+        return (Doubt((), words, "focal"),)
+    if not focus.own and focus.worst is not None:
+        off = f"{g2(focus.worst.off_px)} px, {g2(focus.worst.sigmas)} of its sigmas"
+        words = (
+            f"nothing checks that the pictures have one focus: a focal length {100 * ANEW:g} % off in one of them "
+            f"alone would mostly go unnoticed, and the camera's be off by {off}"
+        )
+        return (Doubt((), words, "focus"),)
+    if not focus.own:
+        return ()
+    found = focus.own
     worst = sorted(found, key=lambda r: -abs(r.change) / r.sigma)[:NAMED]
     listed = ", ".join(f"{{}} ({100 * r.change:+.2g} +- {g1(100 * r.sigma)} %)" for r in worst)
     more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""

@@ -11,6 +11,8 @@ STEPS = {
     "marker": "measure it again, or leave it out",
     "picture": "see that this picture is of this camera and moment, its focus and its labels; else leave it out",
     "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",
+    "focus": "take more pictures, rolled and from several distances, or say how far the focus may have moved "
+    "(calibrate --free-focal all --prior-sigma focus=0.003)",
     "control": "measure the named ones again, or leave the wrong one out",
     "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
     "(--board-marks)",
