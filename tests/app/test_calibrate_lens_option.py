@@ -18,6 +18,8 @@ from windmark.errors import UsageError
         ("fisheye", None, ("fisheye", None)),
         ("rational+tilts", None, ("rational", (*FREE_OF["rational"], "tilt_x", "tilt_y"))),
         (None, "focal_px,k1", (None, ("focal_px", "k1"))),
+        ("fisheye+shear", None, ("fisheye", (*FREE_OF["fisheye"], "shear"))),
+        ("brown+shear", None, ("brown", (*FREE, "shear"))),
         ("fisheye", "focal_px,k4", ("fisheye", ("focal_px", "k4"))),
     ],
 )
@@ -28,10 +30,10 @@ def test_what_is_typed(lens, free, expected):
 @pytest.mark.parametrize(
     ("lens", "free", "message"),
     [
-        ("fisheye+k3", None, r"expected fisheye or fisheye\+tilts"),
+        ("fisheye+k3", None, r"expected fisheye, fisheye\+tilts or fisheye\+shear"),
         ("mei", None, "expected pinhole, radial, brown, rational, fisheye"),
         ("brown", "k1", "both say which parameters are free"),
-        ("fisheye+tilts", "k1", r"expected fisheye or fisheye\+tilts"),
+        ("fisheye+tilts", "k1", r"expected fisheye, fisheye\+tilts or fisheye\+shear"),
         ("fisheye", "k9", "'k9' is none of"),
     ],
 )

@@ -41,7 +41,7 @@ def test_scipy_least_squares(free):
     rng, xyz, xy, start = scene(1)
     cov = random_cov(rng, len(xyz))
     sigma = {"focal_px": 30.0} if free else {}
-    start_camera = CAMERA.with_parameters(CAMERA.parameters() * np.r_[1.01, np.ones(13)]) if free else CAMERA
+    start_camera = CAMERA.with_parameters(CAMERA.parameters() * np.r_[1.01, np.ones(14)]) if free else CAMERA
     estimate = refine_pose(start_camera, start, xyz, xy, cov, free=free, prior_sigma=sigma)
 
     def unpack(x):

@@ -278,7 +278,7 @@ def labelled_pictures(case, monkeypatch, tmp_path, wrong):
         xy = net.xy[net.view == int(name[1:])]
         return MatchedPicture(name, taken.camera, (1500, 1000), Detections.make(xy, sigma_px=0.1), taken.frame)
 
-    def match(picture, markers, camera, options, how, n, anew):
+    def match(picture, markers, camera, options, how, n, excess_px, anew):
         point = net.point[net.view == int(picture.name[1:])]
         order = np.random.default_rng(3).permutation(len(point)) if wrong(picture.name, n, anew) else slice(None)
         pairs = Matching(np.arange(len(point)), point[order], np.zeros(len(point)))

@@ -18,6 +18,7 @@ from windmark.pipeline.psp.record import PointRecord
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import BAD, CAUSES, DOUBTFUL, GOOD, Finding, Verdict
 from windmark.pipeline.verdict.deform import deform_verdict
+from windmark.pipeline.verdict.doubts import STEPS
 from windmark.pipeline.verdict.errors import error_verdict
 from windmark.pipeline.verdict.grid import units_findings
 from windmark.pipeline.verdict.infrared import infrared_verdict
@@ -171,6 +172,7 @@ def test_saturated_picture(tmp_path, tunnel):
 
 
 def test_every_refusal_has_a_cause_and_a_next_step():
+    assert set(STEPS) <= set(CAUSES)
     assert set(REFUSALS) == set(REGISTRATION_CAUSES)
     for cause in REGISTRATION_CAUSES:
         found = refused(NotRegistered("why", cause), 40)

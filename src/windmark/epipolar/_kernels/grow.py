@@ -55,7 +55,10 @@ def grow_points(
     for h in range(len(rows)):
         x, c, row = xyz[h], cov[h], rows[h]
         gain[h] = -math.inf
-        s, t = pair_of(row)
+        s, t = -1, -1
+        for v in range(views):
+            if row[v] >= 0:
+                s, t = (row[v], t) if s < 0 else (s, row[v])
         met = 0
         for k in range(number[s]):
             met += rows[points[s, k], spots.views[t]] == t
@@ -63,7 +66,7 @@ def grow_points(
             continue
         for v in range(views):
             each[v] = 0.0
-        if not place(stations, spots, row, x, c):
+        if not place(stations, spots, s, t, row, x, c):
             continue
         missing = 0
         for sweep in range(2):
@@ -89,22 +92,8 @@ def grow_points(
 
 
 @nb.njit(cache=True, nogil=True)
-def pair_of(row: Ints) -> tuple[int, int]:
-    """The first two spots of a row."""
-    first, second = -1, -1
-    for v in range(len(row)):
-        if row[v] >= 0:
-            if first < 0:
-                first = row[v]
-            elif second < 0:
-                second = row[v]
-    return first, second
-
-
-@nb.njit(cache=True, nogil=True)
-def place(stations: Stations, spots: Spots, row: Ints, x: Array, c: Array) -> bool:
-    """The point and its covariance from the spots of a row (two at least): the first two rays, then Gauss-Newton."""
-    s, t = pair_of(row)
+def place(stations: Stations, spots: Spots, s: int, t: int, row: Ints, x: Array, c: Array) -> bool:
+    """The point and its covariance from the two spots of a row: where their rays meet, then Gauss-Newton."""
     a, b = spots.views[s], spots.views[t]
     if not between_rays(
         stations.rotation[a], stations.center[a], spots.xy[s, 0], spots.xy[s, 1],

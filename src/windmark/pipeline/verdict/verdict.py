@@ -26,6 +26,7 @@ CAUSES = {
     "mirrored": "a picture or a table that is mirrored",
     "discs": "radii or normals of the table that contradict the picture",
     "grid": "a grid that is not where the markers are",
+    "focus": "pictures of which nothing checks that they have one focus",
     "focal": "a focal length that does not fit",
     "moved": "a camera that is not where it should be",
     "camera": "an interior of the camera, or a lens, that does not fit",
