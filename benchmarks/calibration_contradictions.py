@@ -214,7 +214,9 @@ def outcome(case: Case, rng: np.random.Generator) -> contradictions.Outcome:
 def words_of(result: Calibration) -> str:
     """All that it names."""
     swapped = [name for pair in result.swapped for name in pair]
-    return " ".join([*result.suspect, *swapped, *getattr(result, "warnings", ())])
+    # That nothing checks the focus of few pictures names nothing.
+    found = [d for d in getattr(result, "doubts", ()) if d.cause != "focus"]
+    return " ".join([*result.suspect, *swapped, *map(str, found)])
 
 
 def deviations(result: Calibration, scene: nets.Scenario, options: dict[str, Any]) -> Array:

@@ -11,7 +11,7 @@ from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose
 from windmark.scene import Detections, MarkerSet
 from windmark.tasks.calibrate import CalibrateSettings, calibrate_matching
-from windmark.tasks.calibrate.pictures import EVERY, MatchedPicture, MatchSettings, _without_labels
+from windmark.tasks.calibrate.pictures import EVERY, MatchedPicture, MatchSettings, _with_doubts, _without_labels
 
 
 @pytest.mark.parametrize(("factor", "words"), [(1.04, "focal length of"), (1.0, "wrong labels, or the markers moved")])
@@ -85,3 +85,17 @@ def test_a_datum_that_cannot_be_is_said_before_a_picture_is_matched(settings, wo
     markers = MarkerSet.make(["a", "b", "c"], np.eye(3))
     with pytest.raises(UsageError, match=words):
         calibrate_matching([], markers, {"cam": Camera((100, 100), 100.0)}, settings)
+
+
+def test_labels_that_contradict_the_pictures_without_are_said():
+    """Names that all are turned fit as well: which side is right is not for the majority to say."""
+    made, rough = refocused_sheet(9, shift_px=0.0)
+    settings = CalibrateSettings(Free(), free_focal=EVERY, prior_sigma={"focus": 0.003})
+    done, matched = calibrate_matching([p for _, p in made], rough, {"camera": Camera((1600, 1200), 1700.0)}, settings)
+    assert not any("labels" in w for w in done.result.warnings)
+    lost = "fixed labels contradict the spots: 63 of 63 markers in view are matched without them"
+    pictures = [replace(p, registration=None, problem=lost) if p.fixed else p for p in matched]
+    said = _with_doubts((done, tuple(pictures)), rough, settings)[0].result.warnings[0]
+    names = [p.name for p in matched if p.fixed]
+    listed = ", ".join(names)
+    assert said == f"the labels in {listed} contradict the pictures without: if they are right, all names are wrong"

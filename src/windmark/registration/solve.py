@@ -110,10 +110,11 @@ def judge(source: Source, limits: Limits, max_links: int, budget: Budget) -> tup
             verdict = judge_.verdict(deformed=not fresh)
             patience = links + PATIENCE if fresh else np.inf
             bent = verdict.cause is None and verdict.best is not None and verdict.best.is_bent
-            if (verdict.cause is None and not bent) or verdict.cause in CLEAR:
+            poor = verdict.cause is None and verdict.best is not None and _leaves_most(verdict.best)
+            if (verdict.cause is None and not bent and not poor) or verdict.cause in CLEAR:
                 return verdict, False
             judged = source.worth_judging(STOP_AT)
-            if bent or verdict.cause == "ambiguous":
+            if bent or poor or verdict.cause == "ambiguous":
                 # Of two equally good solutions both may be wrong, and a deformation can stand in for the rigid
                 # solution that is not yet found: search on, but not for long.
                 max_links = min(max_links, 3 * links + 50_000)
@@ -121,6 +122,17 @@ def judge(source: Source, limits: Limits, max_links: int, budget: Budget) -> tup
         if links >= max_links or late:
             break
     return judge_.verdict(final=True), late
+
+
+def _leaves_most(best: Solution) -> bool:
+    """Whether a solution that has labels leaves most spots and most markers alone.
+
+    Rivals must have the labels, too, and a regular layout turned about a labelled marker has them and few others: that
+    it has no rival says little.
+    """
+    spots = sum(len(plane.task.xy) for plane in best.views.planes)
+    told = any(plane.task.fixed and not plane.task.binding for plane in best.views.planes)
+    return told and 2 * best.count < min(best.expected, spots)
 
 
 def _uncounted(task: Task, budget: Budget) -> Task:

@@ -7,7 +7,8 @@ from windmark.scene import Doubt
 
 STEPS = {
     "units": "correct the unit of places or radii in the table of markers",
-    "swapped": "correct the names in the table of marks, or take the exchange as found",
+    "swapped": "correct the names in the table of marks (or take the exchange as found), or the labels; label a marker "
+    "in more pictures",
     "marker": "measure it again, or leave it out",
     "picture": "see that this picture is of this camera and moment, its focus and its labels; else leave it out",
     "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",

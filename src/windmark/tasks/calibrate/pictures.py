@@ -21,7 +21,7 @@ from windmark.geometry import PARAMETERS, Camera
 from windmark.options.calibration import MATCH_TIME_S
 from windmark.options.registration import SEED
 from windmark.registration import CONTRADICTED, NotRegistered, Registration
-from windmark.scene import Detections, MarkerSet, Observations, View
+from windmark.scene import Detections, Doubt, MarkerSet, Observations, View
 from windmark.tasks.calibrate.beside import beside_their_place
 from windmark.tasks.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, with_lens
 from windmark.tasks.calibrate.marks import Marks, with_sigma
@@ -51,6 +51,8 @@ LEAD = 4.0
 """Lead over the next best labelling, in sigma of what chance gives. Two labellings whose misfits are both the markers'
 errors differ by chance: N markers have 2 N residuals, and N log of the ratio of two variances that are estimated from
 them scatters by sqrt(2 N)."""
+LABELS_WRONG = "fixed labels contradict the spots"
+"""How `register` begins the reason of a picture whose labels do not fit."""
 REFOCUSED = 0.003
 """Relative sigma of the pictures' focal lengths while they are matched: as a consumer's camera focuses anew."""
 LOOSE = 0.003
@@ -157,12 +159,22 @@ def _with_doubts(
     markers: MarkerSet,
     settings: CalibrateSettings,
 ) -> tuple[Calibrated | NotCalibrated, tuple[MatchedPicture, ...]]:
-    """With the markers that are beside their place; not where the table is rough and only the start."""
+    """With pictures whose labels contradict the others, and the markers that are beside their place.
+
+    The latter not where the table is rough and only the start.
+    """
     done, pictures = answer
-    if isinstance(done, NotCalibrated) or isinstance(settings.datum, Free):
+    if isinstance(done, NotCalibrated):
         return answer
-    beside = beside_their_place(done.result, [(p, p.registration) for p in pictures], markers)
-    return replace(done, result=replace(done.result, doubts=(*beside, *done.result.doubts))), pictures
+    doubts = list(done.result.doubts)
+    if not isinstance(settings.datum, Free):
+        doubts = [*beside_their_place(done.result, [(p, p.registration) for p in pictures], markers), *doubts]
+    told = tuple(p.name for p in pictures if p.fixed and p.registration is None and LABELS_WRONG in p.problem)
+    if told:
+        listed = ", ".join("{}" for _ in told)
+        words = f"the labels in {listed} contradict the pictures without: if they are right, all names are wrong"
+        doubts.insert(0, Doubt(told, words, "swapped"))
+    return replace(done, result=replace(done.result, doubts=tuple(doubts))), pictures
 
 
 def _in_rounds(
