@@ -65,7 +65,8 @@ def one(sheet: Sheet, images: list[Path], views: list[int], kind: str, seed: int
             "-o", str(work / "out"),
         ], catch_exceptions=False)  # fmt: skip
         if done.exit_code:
-            return {"refused": done.output.strip().splitlines()[-1]}
+            lines = done.output.strip().splitlines()
+            return {"refused": next((line for line in lines if line.startswith("■")), lines[0])}
         found = io.read_markers(work / "out" / "markers.csv")
         table = io.read_matches(work / "out" / "matches.csv")
         focal = json.loads((work / "out" / "summary.json").read_text())["cameras"]["camera"]["focal_px"]
