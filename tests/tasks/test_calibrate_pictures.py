@@ -94,7 +94,7 @@ def test_labels_that_contradict_the_pictures_without_are_said():
     done, matched = calibrate_matching([p for _, p in made], rough, {"camera": Camera((1600, 1200), 1700.0)}, settings)
     assert not any("labels" in w for w in done.result.warnings)
     lost = "fixed labels contradict the spots: 63 of 63 markers in view are matched without them"
-    pictures = [replace(p, registration=None, problem=lost) if p.fixed else p for p in matched]
+    pictures = [replace(p, registration=None, problem=lost, cause="labels") if p.fixed else p for p in matched]
     said = _with_doubts((done, tuple(pictures)), rough, settings)[0].result.warnings[0]
     names = [p.name for p in matched if p.fixed]
     listed = ", ".join(names)

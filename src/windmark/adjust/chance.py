@@ -8,10 +8,13 @@ from scipy.special import betainc, fdtrc
 
 LEAST_TAIL = 1e-290
 """Of a binomial tail: below it a double underflows, and its first terms are summed instead."""
-
-
 EXACT = 1e-3
 """Residuals of so small a part of what the covariances say are those of numbers without noise."""
+
+
+def beyond_rounding(squares: float, redundancy: int) -> float:
+    """A weighted sum of squared residuals, or what rounding alone may leave of it, see `EXACT`."""
+    return max(squares, redundancy * EXACT**2)
 
 
 def chance(test: float, dof: int, squares: float, redundancy: int) -> float:
@@ -27,7 +30,7 @@ def chance(test: float, dof: int, squares: float, redundancy: int) -> float:
     F of what is explained beside what is left (Teunissen, "Testing theory", 2000, ch. 4), so that residuals that
     are all larger than stated make no hypothesis likely.
     """
-    free, rest = redundancy - dof, max(squares, redundancy * EXACT**2) - test
+    free, rest = redundancy - dof, beyond_rounding(squares, redundancy) - test
     if free < 1 or dof < 1:
         return 1.0
     return 0.0 if rest <= 0 else float(fdtrc(dof, free, test / dof * free / rest))

@@ -151,24 +151,23 @@ def _worst(solved: Solved, views: NDArray[np.int64], left: Array, moved: Array) 
 def focus_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
     """What is said of pictures whose focal length is not that of the others, the surest first, or may not be."""
     focus = refocused(job, solved)
-    if not focus.own and focus.together:
+    if focus.own:
+        worst = sorted(focus.own, key=lambda r: -abs(r.change) / r.sigma)[:NAMED]
+        listed = ", ".join(f"{{}} ({100 * r.change:+.2g} +- {g1(100 * r.sigma)} %)" for r in worst)
+        more = f" and {len(focus.own) - NAMED} more" if len(focus.own) > NAMED else ""
+        words = f"focal length not that of the other pictures (free_focal): {listed}{more}"
+        return (Doubt(tuple(r.view for r in worst), words, "focal"),)
+    if focus.together:
         words = f"focal lengths of the pictures differ by {g2(100 * focus.together)} % (rms): free_focal"
         return (Doubt((), words, "focal"),)
-    if not focus.own and focus.worst is not None:
+    if focus.worst is not None:
         off = f"{g2(focus.worst.off_px)} px, {g2(focus.worst.sigmas)} of its sigmas"
         words = (
             f"nothing checks that the pictures have one focus: a focal length {100 * ANEW:g} % off in one of them "
             f"alone would mostly go unnoticed, and the camera's be off by {off}"
         )
         return (Doubt((), words, "focus"),)
-    if not focus.own:
-        return ()
-    found = focus.own
-    worst = sorted(found, key=lambda r: -abs(r.change) / r.sigma)[:NAMED]
-    listed = ", ".join(f"{{}} ({100 * r.change:+.2g} +- {g1(100 * r.sigma)} %)" for r in worst)
-    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    words = f"focal length not that of the other pictures (free_focal): {listed}{more}"
-    return (Doubt(tuple(r.view for r in worst), words, "focal"),)
+    return ()
 
 
 def gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) -> Array:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.chance import EXACT
+from windmark.adjust.chance import beyond_rounding
 from windmark.adjust.network import NetworkProblem, NetworkState, linear
 from windmark.adjust.network.covariance import NetworkCovariance
 
@@ -40,11 +40,11 @@ def externally(test: Array, used: NDArray[np.bool_], squares: float, redundancy:
 
     With Omega the sum of squares, T of a used mark is a part of it: T / 2 beside (Omega - T) / (r - 2) is F with (2,
     r - 2) degrees, and -2 ln P(F) = -(r - 2) ln(1 - T / Omega). Of one that was left out, r ln(1 + T / Omega). Zero
-    where nothing is left to compare with. Residuals below `EXACT` are rounding, which has outliers of its own.
+    where nothing is left to compare with. Rounding (`beyond_rounding`) has outliers of its own.
     """
     if not squares > 0:
         return np.zeros(len(test))
-    share = test / max(squares, redundancy * EXACT**2)
+    share = test / beyond_rounding(squares, redundancy)
     inside = -max(redundancy - 2, 0) * np.log1p(-np.minimum(share, 1 - 1e-12))
     return np.where(used, inside, max(redundancy, 0) * np.log1p(share))
 

@@ -33,7 +33,7 @@ def project_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[
         xy = tilted @ pixel.T + parameters[2:4]
         valid &= np.isfinite(xy).all(axis=-1)
 
-        outer = pixel @ d_tilted
+        outer = _in_pixels(pixel, d_tilted)
         d_xyz = outer @ by_point
 
         d_par = np.zeros((*valid.shape, 2, 15))
@@ -43,7 +43,7 @@ def project_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[
         by_lens = outer @ by_coefficients(xyz, lens)
         d_par[..., :, 4:9] = by_lens[..., :5]
         d_par[..., :, 11:14] = by_lens[..., 5:]
-        d_par[..., :, 9:11] = pixel @ d_angles
+        d_par[..., :, 9:11] = _in_pixels(pixel, d_angles)
         d_par[..., 0, 14] = focal_px * tilted[..., 1]
     nan = ~valid[..., None, None]
     return (
@@ -66,6 +66,14 @@ def _per_sensor(parameters: Array) -> Array:
     return focal_px * np.array([[1.0, float(parameters[14])], [0.0, aspect]])
 
 
+def _in_pixels(pixel: Array, rows: Array) -> Array:
+    """(2, 2) of `_per_sensor` times (..., 2, K); NumPy's product of many small matrices takes four times as long."""
+    out = np.diagonal(pixel)[:, None] * rows
+    if pixel[0, 1]:
+        out[..., 0, :] += pixel[0, 1] * rows[..., 1, :]
+    return np.asarray(out)
+
+
 def point_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[Array, NDArray[np.bool_], Array]:
     """`project_jacobian` without the derivatives by the parameters, in a third of the time: xy, valid, d_xyz."""
     tilt_x, tilt_y = parameters[9:11].tolist()
@@ -74,7 +82,7 @@ def point_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[Ar
         if kind == FISHEYE:
             q, valid, d_xyz = project_with_slopes(xyz, lens)
             q, by_distorted, _ = _tilt(tilt_x, tilt_y, q)
-            d_xyz = pixel @ by_distorted @ d_xyz
+            d_xyz = _in_pixels(pixel, by_distorted) @ d_xyz
             xy = q @ pixel.T + parameters[2:4]
             valid &= np.isfinite(xy).all(axis=-1)
         else:
@@ -86,7 +94,7 @@ def point_jacobian(parameters: Array, xyz: Array, kind: int = BROWN) -> tuple[Ar
                 by_ideal = by_distorted @ by_ideal
             xy = q @ pixel.T + parameters[2:4]
             d_xyz = np.empty((*xy.shape, 3))
-            d_xyz[..., :2] = pixel @ by_ideal / depth[..., None]
+            d_xyz[..., :2] = _in_pixels(pixel, by_ideal / depth[..., None])
             d_xyz[..., 2] = -(d_xyz[..., :2] * ideal[..., None, :]).sum(axis=-1)
             valid &= (depth[..., 0] > 0) & np.isfinite(xy).all(axis=-1)
     if not valid.all():

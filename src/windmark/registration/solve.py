@@ -109,12 +109,12 @@ def judge(source: Source, limits: Limits, max_links: int, budget: Budget) -> tup
         if best is not None and (fresh or links > patience):
             verdict = judge_.verdict(deformed=not fresh)
             patience = links + PATIENCE if fresh else np.inf
-            bent = verdict.cause is None and verdict.best is not None and verdict.best.is_bent
-            poor = verdict.cause is None and verdict.best is not None and _leaves_most(verdict.best)
-            if (verdict.cause is None and not bent and not poor) or verdict.cause in CLEAR:
+            good = verdict.best if verdict.cause is None else None
+            open_ = good is not None and (good.is_bent or _leaves_most(good))
+            if (verdict.cause is None and not open_) or verdict.cause in CLEAR:
                 return verdict, False
             judged = source.worth_judging(STOP_AT)
-            if bent or poor or verdict.cause == "ambiguous":
+            if open_ or verdict.cause == "ambiguous":
                 # Of two equally good solutions both may be wrong, and a deformation can stand in for the rigid
                 # solution that is not yet found: search on, but not for long.
                 max_links = min(max_links, 3 * links + 50_000)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark import registration
 from windmark.calibration import Calibration, Free, NotCalibrated
@@ -51,8 +52,6 @@ LEAD = 4.0
 """Lead over the next best labelling, in sigma of what chance gives. Two labellings whose misfits are both the markers'
 errors differ by chance: N markers have 2 N residuals, and N log of the ratio of two variances that are estimated from
 them scatters by sqrt(2 N)."""
-LABELS_WRONG = "fixed labels contradict the spots"
-"""How `register` begins the reason of a picture whose labels do not fit."""
 REFOCUSED = 0.003
 """Relative sigma of the pictures' focal lengths while they are matched: as a consumer's camera focuses anew."""
 LOOSE = 0.003
@@ -87,10 +86,12 @@ class MatchedPicture(Picture):
     ----------
     fixed : spot -> marker's name, as told by labels
     registration : the accepted matching, None if there is none
+    cause : why there is none, as `NotRegistered` has it; "" where there is one
     """
 
     fixed: Mapping[int, str] = field(default_factory=dict)
     registration: Registration | None = None
+    cause: str = ""
 
     @property
     def count(self) -> int:
@@ -169,7 +170,7 @@ def _with_doubts(
     doubts = list(done.result.doubts)
     if not isinstance(settings.datum, Free):
         doubts = [*beside_their_place(done.result, [(p, p.registration) for p in pictures], markers), *doubts]
-    told = tuple(p.name for p in pictures if p.fixed and p.registration is None and LABELS_WRONG in p.problem)
+    told = tuple(p.name for p in pictures if p.cause == "labels")
     if told:
         listed = ", ".join("{}" for _ in told)
         words = f"the labels in {listed} contradict the pictures without: if they are right, all names are wrong"
@@ -293,14 +294,20 @@ def _match(
         max_time_s=options.max_time_s, seed=options.seed, **(how or {"focal_range": KNOWN_FOCAL}),
     )  # fmt: skip
     if isinstance(answer, Registration):
-        return replace(picture, registration=answer, problem="", round=picture.round or n)
+        return replace(picture, registration=answer, problem="", cause="", round=picture.round or n)
     apart = "; the label of a marker in some pictures tells labellings apart"
-    return replace(picture, registration=None, problem=answer.reason + apart * (answer.cause == "ambiguous"))
+    problem = answer.reason + apart * (answer.cause == "ambiguous")
+    return replace(picture, registration=None, problem=problem, cause=answer.cause)
 
 
 def _as_uncertain(spots: Detections, excess_px: float) -> Detections:
     """Spots with so much noise beyond the detector's."""
-    return replace(spots, cov=with_sigma(spots.cov, 0.1) + excess_px**2 * np.eye(2)) if excess_px else spots
+    return replace(spots, cov=_with_excess(spots.cov, excess_px)) if excess_px else spots
+
+
+def _with_excess(cov: NDArray[np.float64], excess_px: float) -> NDArray[np.float64]:
+    """Covariances (N, 2, 2) of spots with so much noise beyond the detector's."""
+    return with_sigma(cov, 0.1) + excess_px**2 * np.eye(2)
 
 
 def _as_loose(camera: Camera) -> Camera:
@@ -323,7 +330,7 @@ def _marks(
         view.append(np.full(len(pairs), v, dtype=np.int64))
         point.append(pairs.marker.astype(np.int64))
         xy.append(p.detections.xy[pairs.detection])
-        cov.append(with_sigma(_as_uncertain(p.detections, excess_px).cov[pairs.detection], 0.1))
+        cov.append(_with_excess(p.detections.cov[pairs.detection], excess_px))
         # A flagged outline (cut by the border, touched, in clutter) is not that of the disc.
         clean = p.detections.flags[pairs.detection, None] == 0
         ellipses.append(np.where(clean, p.detections.ellipses[pairs.detection], np.nan))
