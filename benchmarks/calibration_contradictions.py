@@ -133,6 +133,17 @@ def refocused(rng: np.random.Generator, count: int, by: float = 0.003) -> Case:
     return _seen_otherwise(case, truth, truth.points, views, every, (*(f"v{v:03d}" for v in views), "focal length"))
 
 
+def shifted(rng: np.random.Generator, count: int, by: float) -> Case:
+    """The principal point is ``by`` px off, in a direction of its own in each of some pictures (cut; a loose lens)."""
+    case = plate(rng)
+    views = rng.choice(10, count, replace=False)
+    for v in views:
+        turn = rng.uniform(0, 2 * np.pi)
+        case.xy[case.scene.view == v] += by * np.array([np.cos(turn), np.sin(turn)])
+    case.named = (*(f"v{v:03d}" for v in views), "principal point")
+    return case
+
+
 def _seen_otherwise(case: Case, truth: Any, xyz: Array, views: Array, which: Array, named: tuple[str, ...]) -> Case:
     scene = case.scene
     mine = np.isin(scene.view, views) & which
@@ -181,6 +192,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Case]] = {
     "marker moved late": lambda rng: moved(rng, False, True),
     "one picture refocused": lambda rng: refocused(rng, 1),
     "half refocused": lambda rng: refocused(rng, 5),
+    **{f"{n} shifted by {k} px": (lambda rng, n=n, k=k: shifted(rng, n, k)) for n, k in ((1, 6), (1, 40), (10, 6))},
     "labels exchanged in 1": lambda rng: exchanged(rng, 1),
     "labels exchanged in 5": lambda rng: exchanged(rng, 5),
     "prior off 25 sigma": lambda rng: prior(rng, 25.0),

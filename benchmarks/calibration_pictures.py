@@ -4,7 +4,8 @@
 PhotoModeler's with 4 mm of noise, which leaves nothing that tells the sheet from itself turned by 90 degrees; so the
 disc 1001 is labelled in three pictures, to a pixel. "free": a free network, fitted to PhotoModeler's coordinates
 (shift, turn, scale); "control": the four coded discs at the places that were published for them, no fit. The camera
-focused anew for every picture; "focus": every picture has a focal length of its own, within 0.3 %.
+focused anew for every picture; "focus": every picture has a focal length of its own, within 0.3 %; "principal": and
+a principal point of its own, within 10 px.
 
 Printed: pictures and marks that were matched, marks that were matched wrongly (farther than 4 px from the published
 mark of that name), RMS of the coordinates less PhotoModeler's, the mean sigma that is stated for them, and z, the RMS
@@ -62,6 +63,7 @@ def one(sheet: Sheet, images: list[Path], views: list[int], kind: str, seed: int
             "--datum", f"fixed:{','.join(CONTROL)}" if control else "free", "--channel", "green",
             *(a for r in RADII for a in ("-r", r)), *(a for t in labels for a in ("--label", t)),
             *(("--free-focal", "all", "--prior-sigma", "focus=0.003") if "focus" in kind else ()),
+            *(("--free-principal", "all", "--prior-sigma", "principal=10") if "principal" in kind else ()),
             "-o", str(work / "out"),
         ], catch_exceptions=False)  # fmt: skip
         if done.exit_code:
@@ -96,13 +98,13 @@ def main(seed: int = 20) -> dict[str, dict[str, object]]:
         return {}
     sheet, images = published(folder), sorted((folder / "images").iterdir())
     rows: dict[str, dict[str, object]] = {}
-    print(f"{'':17s} {KEYS}")
-    for kind in ("free", "free, focus", "control, focus"):
+    print(f"{'':27s} {KEYS}")
+    for kind in ("free", "free, focus", "free, focus, principal", "control, focus", "control, focus, principal"):
         for count in COUNTS:
             views = np.linspace(0, len(images) - 1, count).round().astype(int).tolist()
             name = f"{count} {kind}"
             row = rows[name] = one(sheet, images, views, kind, seed)
-            print(f"{name:17s} {_words(row)}", flush=True)
+            print(f"{name:27s} {_words(row)}", flush=True)
     return rows
 
 

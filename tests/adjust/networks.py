@@ -72,8 +72,9 @@ def project(state, view_frame, view_offset, view_camera, v, p):
         if a >= 0:
             x = state.offsets.rotation[a] @ x + state.offsets.translation[a]
         camera = state.cameras[view_camera[i]]
-        if state.focal_change is not None:
-            camera = replace(camera, focal_px=camera.focal_px * (1 + state.focal_change[i]))
+        if state.change is not None:
+            focal, x0, y0 = state.change[i]
+            camera = replace(camera, focal_px=camera.focal_px * (1 + focal), cx=camera.cx + x0, cy=camera.cy + y0)
         xy[o], _ = camera.project(x)
         inside[o] = camera.in_image(xy[o])
     return xy, inside

@@ -39,7 +39,8 @@ def variant(name):
     network = replace(
         case.network, held=held, point_value=case.truth.points, point_sigma=sigma, bars=bars, loss=Loss("cauchy", 2.0),
         camera_value=known, camera_sigma=[{"focal_px": 5.0, "k2": 0.01}],
-        free_focal=np.array([0, 1, 0, 1, 1], bool), focal_sigma=np.full(5, 0.01), eliminate="points",
+        free_change=np.array([[0, 0, 0], [1, 1, 1], [0, 1, 0], [1, 0, 1], [1, 0, 0]], bool),
+        change_sigma=np.tile([0.01, 4.0, 6.0], (5, 1)), eliminate="points",
     )  # fmt: skip
     return replace_network(case, network)
 
@@ -99,7 +100,7 @@ def without_knowledge(network: Network) -> Network:
     """The same numbering, nothing but the pictures."""
     weak = replace(network.bars, sigma=np.full(len(network.bars.sigma), 1e12))
     return replace(
-        network, bars=weak, point_sigma=None, point_value=None, camera_sigma=(), camera_value=(), focal_sigma=None
+        network, bars=weak, point_sigma=None, point_value=None, camera_sigma=(), camera_value=(), change_sigma=None
     )
 
 
@@ -247,17 +248,18 @@ def test_known_distances_and_points_fix_the_scale():
     np.testing.assert_allclose(others, true, atol=0.5)
 
 
-def test_focal_changes_of_single_views():
+def test_changes_of_single_views():
+    """Focal length, principal point, or both."""
     case = networks.make(9, views=8, points=30)
-    change = np.zeros(8)
-    change[[2, 5]] = [0.01, -0.015]
-    truth = replace(case.truth, focal_change=change)
+    change = np.zeros((8, 3))
+    change[2, 0], change[5, 1:], change[6] = 0.01, (7.0, -4.0), (-0.015, 2.0, 9.0)
+    truth = replace(case.truth, change=change)
     net = case.network
     xy, _ = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
-    network = replace(net, xy=xy, free_focal=change != 0)
+    network = replace(net, xy=xy, free_change=change != 0)
     values, _, report = minimise(NetworkProblem(network, case.start), case.start)
     assert report.converged
-    np.testing.assert_allclose(values.focal_change, change, atol=1e-5)
+    np.testing.assert_allclose(values.change / [1.0, 1500.0, 1500.0], change / [1.0, 1500.0, 1500.0], atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -40,10 +40,11 @@ def with_everything(seed):
     length = np.linalg.norm(case.truth.points[[0, 3]] - case.truth.points[[1, 7]], axis=1)
     network = replace(
         net, point_value=case.truth.points, point_sigma=sigma, camera_value=[{"focal_px": 1530.0}] * 2,
-        camera_sigma=[{"focal_px": 5.0}] * 2, focal_sigma=np.full(8, 0.01), free_focal=rng.random(8) < 0.4,
+        camera_sigma=[{"focal_px": 5.0}] * 2, change_sigma=np.tile([0.01, 5.0, 5.0], (8, 1)),
+        free_change=rng.random((8, 3)) < 0.4,
         bars=Bars(np.array([0, 3]), np.array([1, 7]), length, np.full(2, 0.01)),
     )  # fmt: skip
-    return network, replace(case.start, focal_change=np.zeros(8))
+    return network, replace(case.start, change=np.zeros((8, 3)))
 
 
 @pytest.mark.parametrize("away", ["points", "frames"])
@@ -56,9 +57,9 @@ def test_the_cost_that_is_kept_is_that_of_the_values(away):
     assert report.final_cost == pytest.approx(problem.cost(found), rel=1e-9)
     assert report.final_cost < report.initial_cost
     # What is free moved, what is not did not.
-    free = network.free_focal
-    assert (found.focal_change[free] != 0).all()
-    assert (found.focal_change[~free] == 0).all()
+    free = network.free_change
+    assert (found.change[free] != 0).all()
+    assert (found.change[~free] == 0).all()
     np.testing.assert_array_equal(found.offsets.translation[0], start.offsets.translation[0])
     assert (found.offsets.translation[1] != start.offsets.translation[1]).any()
 

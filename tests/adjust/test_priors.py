@@ -27,12 +27,12 @@ def knowing(away):
         case.network, held=held, point_value=case.truth.points, point_sigma=sigma,
         camera_value=[{"focal_px": 1530.0, "k2": 0.0}, {"focal_px": 1500.0, "k1": -0.02}],
         camera_sigma=[{"focal_px": 5.0, "k2": 0.1}, {"focal_px": 4.0, "k1": 0.01}],
-        focal_sigma=rng.uniform(0.005, 0.02, 8), free_focal=np.arange(8) % 3 == 0,
+        change_sigma=rng.uniform(0.005, 0.02, (8, 3)) * [1, 500, 500], free_change=rng.random((8, 3)) < 0.4,
         bars=Bars(np.array([0, 3, 9]), np.array([1, 7, 2]), length, np.array([0.1, 0.2, 0.3])),
         together=KnownTogether(TOGETHER, case.truth.points[TOGETHER], root),
     )  # fmt: skip
-    change = np.where(network.free_focal, rng.normal(0, 0.01, 8), 0.0)
-    return network, replace(case.start, focal_change=change), root
+    change = np.where(network.free_change, rng.normal(0, 0.01, (8, 3)) * [1, 500, 500], 0.0)
+    return network, replace(case.start, change=change), root
 
 
 def residuals(network, root, state: NetworkState):
@@ -47,8 +47,8 @@ def residuals(network, root, state: NetworkState):
         state.cameras, network.free_camera, network.camera_value, network.camera_sigma, strict=True
     ):
         out += [(getattr(camera, name) - value[name]) / sigma[name] for name in sigma if name in free]
-    for v in np.flatnonzero(network.free_focal):
-        out.append(state.focal_change[v] / network.focal_sigma[v])
+    for v, k in np.argwhere(network.free_change):
+        out.append(state.change[v, k] / network.change_sigma[v, k])
     bars = network.bars
     for a, b, length, sigma in zip(bars.first, bars.second, bars.length, bars.sigma, strict=True):
         out.append((np.linalg.norm(state.points[a] - state.points[b]) - length) / sigma)

@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from windmark.calibration import Calibration, Distance, Fixed, Free, NotCalibrated, Weighted, self_calibrate
 from windmark.calibration.snooping import critical, externally
+from windmark.geometry.similarity import align
 
 SIGMA = 0.05
 CONTROL = [0, 1, 2, 3, 4, 5]
@@ -132,7 +133,8 @@ def test_a_prior_that_the_pictures_contradict_is_left_out(case):
 
 def seen_otherwise(case, view, change=0.0, shift=0.0):
     """The case with one picture of another focal length, or shifted on the sensor (cropped) by so many pixels."""
-    truth, net = replace(case.truth, focal_change=np.where(np.arange(10) == view, change, 0.0)), case.network
+    by_view = np.where(np.arange(10) == view, change, 0.0)
+    truth, net = replace(case.truth, change=np.outer(by_view, [1.0, 0.0, 0.0])), case.network
     xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
     xy = xy + np.where(net.view == view, shift, 0.0)[:, None] * [1.0, 0.3]
     xy = (xy + np.random.default_rng(0).normal(0, 0.1, xy.shape))[inside]
@@ -147,6 +149,63 @@ def test_a_picture_with_another_focal_length_is_named(case):
     assert doubt.names[0] == "v04"
     assert str(doubt).startswith("focal length not that of the other pictures (free_focal): v04 (+2")
     assert run(other, datum=Free(), free_focal=["v04"]).doubts == ()
+
+
+def seen_shifted(case, shift):
+    """The case with principal points that are (V, 2) off in its pictures."""
+    truth, net = replace(case.truth, change=np.column_stack([np.zeros(len(shift)), shift])), case.network
+    xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
+    xy = (xy + np.random.default_rng(0).normal(0, 0.1, xy.shape))[inside]
+    network = replace(net, view=net.view[inside], point=net.point[inside], xy=xy, cov=net.cov[inside])
+    return networks.Case(network, truth, case.start)
+
+
+def test_a_picture_with_another_principal_point_is_named_and_may_have_it(case):
+    off = np.outer(np.arange(10) == 6, [9.0, -5.0])
+    result = run(seen_shifted(case, off), datum=Free())
+    (doubt,) = result.doubts
+    assert (doubt.names[0], doubt.cause) == ("v06", "principal")
+    assert str(doubt).startswith("principal point not that of the other pictures (free_principal): v06 (+")
+    own = run(seen_shifted(case, off), datum=Free(), free_principal=["v06"])
+    assert own.doubts == ()
+    np.testing.assert_allclose(own.principal_shift[6], [9.0, -5.0], atol=5.0)  # 1 sigma is 1.7
+    assert (np.delete(own.principal_shift, 6, axis=0) == 0).all()
+    assert own.camera("v06").cx == own.cameras["cam0"].cx + own.principal_shift[6, 0]
+    assert own.camera("v05") == own.cameras["cam0"]
+    with pytest.raises(ValueError, match="no view 'v99'"):
+        own.camera("v99")
+
+
+def test_principal_points_that_all_differ_are_said_and_cost_no_accuracy_when_free(case):
+    """A lens that is loose, or stabilised; z of the markers over all coordinates, after the best similarity."""
+    off = np.random.default_rng(4).normal(0, 8.0, (10, 2))
+    moved = seen_shifted(case, off)
+    result = run(moved, datum=Free())
+    assert any(d.cause == "principal" for d in result.doubts)
+    every = [f"v{v:02d}" for v in range(10)]
+    own = run(moved, datum=Free(), free_principal=every, prior_sigma={"principal": 8.0})
+    assert own.doubts == ()
+    z, wrong = (against_truth(case, r) for r in (own, result))
+    assert 0.7 < z < 1.3
+    assert wrong > 1.2 * z
+
+
+def against_truth(case, result):
+    """RMS of the markers' errors by their sigmas."""
+    true = case.truth.points[[int(n[1:]) for n in result.markers.name]]
+    off = align(result.markers.xyz, true, scale=True).apply(result.markers.xyz) - true
+    return float(np.sqrt((off**2 / result.markers.sigma**2).mean()))
+
+
+@pytest.mark.parametrize("seed", [1, 3, 6])
+def test_a_change_of_focus_is_not_called_one_of_the_principal_point(case, seed):
+    change = np.random.default_rng(seed).normal(0, 0.004, 10)
+    truth, net = replace(case.truth, change=np.outer(change, [1.0, 0.0, 0.0])), case.network
+    xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
+    xy = (xy + np.random.default_rng(0).normal(0, 0.1, xy.shape))[inside]
+    network = replace(net, view=net.view[inside], point=net.point[inside], xy=xy, cov=net.cov[inside])
+    result = run(networks.Case(network, truth, case.start), datum=Free())
+    assert [d.cause for d in result.doubts if d.cause in ("focal", "principal")] == ["focal"]
 
 
 @pytest.mark.parametrize("shift", [40.0, 70.0])
@@ -166,7 +225,7 @@ def test_half_of_the_pictures_are_not_left_out(case):
     """Which half is the wrong one nobody can tell."""
     net = case.network
     change = np.where(np.arange(10) < 5, 0.01, 0.0)
-    truth = replace(case.truth, focal_change=change)
+    truth = replace(case.truth, change=np.outer(change, [1.0, 0.0, 0.0]))
     xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
     xy = (xy + np.random.default_rng(0).normal(0, 0.1, xy.shape))[inside]
     network = replace(net, view=net.view[inside], point=net.point[inside], xy=xy, cov=net.cov[inside])

@@ -75,6 +75,20 @@ def test_a_focus_that_nothing_checks_is_said_with_what_it_would_do():
     assert max(moved) > 3 * sigma
 
 
+@pytest.mark.parametrize("views", [4, 16])
+def test_pictures_that_focus_by_themselves_are_asked_for_their_principal_point(views):
+    """That few do not show that it went along is said (0.3 % of the focal length are 4.5 px); many show it."""
+    case = networks.make(47, points=40, views=views)
+    own = [f"v{v:02d}" for v in range(views)]
+    result = run(case, datum=Free(), free_focal=own, prior_sigma={"focus": 0.003})
+    assert result
+    said = [str(d) for d in result.doubts if d.cause == "focus"]
+    assert len(said) == (views == 4)
+    assert all("one principal point: 5 px (1 sigma) would mostly go unnoticed" in words for words in said)
+    both = run(case, datum=Free(), free_focal=own, free_principal=own, prior_sigma={"focus": 0.003, "principal": 5.0})
+    assert both.doubts == ()
+
+
 @pytest.mark.parametrize("rig", [False, True])
 def test_pose_covariances_hold_the_truth(rig):
     case = networks.make(32, points=40, views=8, rig=rig)
@@ -248,7 +262,7 @@ def test_marks_given_twice_are_named():
 def test_a_view_with_a_focal_length_of_its_own():
     case = networks.make(44, points=40, views=10)
     change = np.where(np.arange(10) == 4, 0.012, 0.0)
-    truth, net = replace(case.truth, focal_change=change), case.network
+    truth, net = replace(case.truth, change=np.outer(change, [1.0, 0.0, 0.0])), case.network
     xy, inside = networks.project(truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
     xy = xy + np.random.default_rng(0).normal(0, 0.02, xy.shape)
     network = replace(net, view=net.view[inside], point=net.point[inside], xy=xy[inside], cov=net.cov[inside])

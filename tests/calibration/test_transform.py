@@ -18,7 +18,7 @@ def solved(case, datum, start=None, **options):
     return self_calibrate(observations, markers, cameras, views, datum=datum, **(rig | options)), markers
 
 
-@pytest.mark.parametrize("kind", ["plain", "rig", "distance", "focal"])
+@pytest.mark.parametrize("kind", ["plain", "rig", "distance", "focal", "principal"])
 def test_as_if_calibrated_there(kind):
     case = networks.make(81, points=24, views=7, rig=kind == "rig")
     options = {}
@@ -27,6 +27,8 @@ def test_as_if_calibrated_there(kind):
         options["distances"] = [Distance("m02", "m07", length, 0.02)]
     if kind == "focal":
         options["free_focal"] = ["v02"]
+    if kind == "principal":
+        options["free_principal"] = ["v02"]
     first, table = solved(case, Free(), **options)
     there, _ = solved(case, Free(SOME), **options)
     moved = in_datum(first, Free(SOME), table)

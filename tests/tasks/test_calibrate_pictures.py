@@ -75,6 +75,28 @@ def test_a_focal_length_of_its_own_for_every_picture(seed):
     assert 0.001 < np.std(done.result.focal_change) < 0.005
 
 
+def away(result):
+    """Of the focal length from the true one, in its sigmas."""
+    return abs(result.cameras["camera"].focal_px - 1500.0) / result.sigma("camera", "focal_px")
+
+
+def test_a_principal_point_of_its_own_for_every_picture():
+    """A lens that sags: without, the pictures are said to differ; with, the residuals are the noise."""
+    made, rough = refocused_sheet(12)
+    start, focus = {"camera": Camera((1600, 1200), 1700.0)}, {"free_focal": EVERY, "prior_sigma": {"focus": 0.003}}
+    plain, _ = calibrate_matching([p for _, p in made], rough, start, CalibrateSettings(Free(), **focus))
+    assert any(d.cause == "principal" for d in plain.result.doubts)
+    assert plain.result.sigma0 > 1.15
+    assert away(plain.result) > 4
+    both = {**focus, "free_principal": EVERY, "prior_sigma": {"focus": 0.003, "principal": 5.0}}
+    done, _ = calibrate_matching([p for _, p in made], rough, start, CalibrateSettings(Free(), **both))
+    assert 0.9 < done.result.sigma0 < 1.1
+    assert done.result.doubts == ()
+    assert away(done.result) < 2
+    assert 2.0 < np.std(done.result.principal_shift) < 5.0
+    assert done.halves  # which have such principal points, too
+
+
 @pytest.mark.parametrize(("settings", "words"), [
     (CalibrateSettings(Fixed(("a", "b", "x"))), "datum names the unknown marker 'x'"),
     (CalibrateSettings(Weighted()), "three markers with a sigma"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from windmark import io
@@ -11,7 +11,7 @@ from windmark.app import console
 from windmark.calibration import Distance, Fixed, Free, Weighted
 from windmark.calibration.datum import Datum
 from windmark.calibration.self_calibrate import FREE, FREE_OF
-from windmark.calibration.setup import FOCUS
+from windmark.calibration.setup import FOCUS, PRINCIPAL
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera
 from windmark.pipeline.calibrate import Board
@@ -122,16 +122,22 @@ def parse_distances(texts: Sequence[str]) -> tuple[Distance, ...]:
     return tuple(out)
 
 
-def parse_priors(texts: Sequence[str]) -> dict[str, float]:
-    """``parameter=sigma`` each."""
+OF_PICTURES = {FOCUS: "--free-focal", PRINCIPAL: "--free-principal"}
+"""What is said of single pictures, and the option that says of which."""
+
+
+def parse_priors(texts: Sequence[str], asked: Mapping[str, Sequence[str] | None]) -> dict[str, float]:
+    """``parameter=sigma`` each; ``asked``: pictures by the options of `OF_PICTURES`."""
     out = {}
     for text in texts:
         name, _, end = text.partition("=")
-        if name not in (*PARAMETERS, FOCUS):
-            raise UsageError(f"--prior-sigma: {name!r} is none of {', '.join((*PARAMETERS, FOCUS))}")
+        if name not in (*PARAMETERS, *OF_PICTURES):
+            raise UsageError(f"--prior-sigma: {name!r} is none of {', '.join((*PARAMETERS, *OF_PICTURES))}")
         out[name] = _number(end, "--prior-sigma", "PARAMETER=sigma")
         if not out[name] > 0:
             raise UsageError(f"--prior-sigma: sigma must be > 0, got {text!r}")
+        if (option := OF_PICTURES.get(name)) and not asked[option]:
+            raise UsageError(f"--prior-sigma: {name} is of the pictures of {option}, which names none (or all)")
     return out
 
 

@@ -278,9 +278,11 @@ def add_space(report: Report, result: Calibration, unit: str) -> None:
     keys = [k for k in columns if k not in ("camera", "frame") or len(set(columns[k].tolist())) > 1]
     names = {**{a: f"{a}, {unit}" for a in "xyz"}, **{f"sigma_{a}": f"sigma {a}" for a in "xyz"},
              **{f"sigma_cam_{a}_deg": f"sigma r{a}, deg" for a in "xyz"}, "left_out": "left out",
-             "rms_px": "RMS px", "focal_change": "focal change"}  # fmt: skip
-    keys = [k for k in keys if k not in ("focal_change", "frame", "rx_deg", "ry_deg", "rz_deg")
-            or (k == "focal_change" and result.focal_change.any())]  # fmt: skip
+             "rms_px": "RMS px", "focal_change": "focal change",
+             **{f"principal_shift_{a}_px": f"principal point {a}, px" for a in "xy"}}  # fmt: skip
+    own = ("focal_change", "principal_shift_x_px", "principal_shift_y_px")
+    keys = [k for k in keys if k not in (*own, "frame", "rx_deg", "ry_deg", "rz_deg")
+            or (k in own and columns[k].any())]  # fmt: skip
     station = measured_rows(*(np.stack([columns[f"{of}{a}"] for a in "xyz"], axis=1) for of in ("", "sigma_")))
     said = dict(zip([*"xyz", *(f"sigma_{a}" for a in "xyz")], zip(*station, strict=True), strict=True))
     said |= {k: [measured(v, v)[1] for v in columns[k]] for k in keys if k.startswith("sigma_cam_")}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -116,16 +117,19 @@ def _with_picture(network: Network, state: NetworkState, view: int, pose: Pose) 
         view_camera=np.r_[network.view_camera, network.view_camera[view]],
         view_frame=np.r_[network.view_frame, frames], view_offset=np.r_[network.view_offset, -1],
         free_frame=np.r_[network.free_frame, True],
-        free_focal=None if network.free_focal is None else np.r_[network.free_focal, False],
-        focal_sigma=None if network.focal_sigma is None else np.r_[network.focal_sigma, np.inf],
+        free_change=_with_row(network.free_change, False), change_sigma=_with_row(network.change_sigma, np.inf),
         weight=None if network.weight is None else np.r_[network.weight, network.weight[mine]],
     )  # fmt: skip
     stations = Pose(
         np.concatenate([state.frames.rotation, pose.rotation[None]]),
         np.concatenate([state.frames.translation, pose.translation[None]]),
     )
-    change = None if state.focal_change is None else np.r_[state.focal_change, 0.0]
-    return wider, replace(state, frames=stations, focal_change=change)
+    return wider, replace(state, frames=stations, change=_with_row(state.change, 0.0))
+
+
+def _with_row(table: NDArray[Any] | None, value: float) -> NDArray[Any] | None:
+    """One row more, all of the same value; None stays None."""
+    return None if table is None else np.vstack([table, np.full_like(table[:1], value)])
 
 
 def _some(network: Network) -> Network:

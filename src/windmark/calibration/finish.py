@@ -58,6 +58,7 @@ def calibration(
     view_seen = np.zeros(len(job.views), dtype=np.bool_)
     view_seen[obs.view[solved.taken]] = True
     residuals = _pixels(solved, obs.cov[solved.taken])
+    change = np.zeros((len(job.views), 3)) if state.change is None else state.change
     at, o, frames = views_of(job, state), state.offsets, frames_of(job)[1]
     views = tuple(replace(job.views[v], cam_from_model=at[v][1]) for v in np.flatnonzero(view_seen))
     return Calibration(
@@ -76,7 +77,8 @@ def calibration(
         sigma0=solved.sigma0,
         redundancy=solved.redundancy,
         rms_px=float(np.sqrt((residuals[solved.used] ** 2).sum(axis=1).mean())),
-        focal_change=(np.zeros(len(job.views)) if state.focal_change is None else state.focal_change)[view_seen],
+        focal_change=change[view_seen, 0],
+        principal_shift=change[view_seen, 1:],
         dropped=dropped,
         suspect=tuple(dict.fromkeys(name for doubt in doubts for name in doubt.names)),
         doubts=doubts,

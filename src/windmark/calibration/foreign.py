@@ -27,10 +27,13 @@ LEAST_VIEWS = 4
 """Of fewer pictures none is told to be the one that is wrong."""
 
 
-def contradicting(result: Calibration) -> bool:
-    """Whether pictures contradict each other in a way that one of them alone could cause."""
-    several = any(d.cause == "focal" and len(d.names) > 1 for d in result.doubts)
-    return len(result.views) >= LEAST_VIEWS and (several or any(d.cause == "picture" for d in result.doubts))
+def contradicting(result: Calibration, least: int = 2) -> bool:
+    """Whether pictures, ``least`` or more, contradict each other in a way that one of them alone could cause.
+
+    One alone that asks for a focal length or principal point of its own does not, before any was left out.
+    """
+    asking = any(d.cause in ("focal", "principal") and len(d.names) >= least for d in result.doubts)
+    return len(result.views) >= LEAST_VIEWS and (asking or any(d.cause == "picture" for d in result.doubts))
 
 
 def most_foreign(solved: Solved) -> int:
@@ -60,7 +63,7 @@ def most_foreign(solved: Solved) -> int:
 def of_its_own(job: Job, solved: Solved, view: int) -> str:
     """By how much the focal length of a view is another one, as far as its marks ask for that, in words; "" for not."""
     found = [r for r in refocused(job, solved).own if r.view == job.views[view].name]
-    return f" (by its focal length {100 * found[0].change:+.2g} %: free_focal)" if found else ""
+    return f" (by its focal length {100 * found[0].change[0]:+.2g} %: free_focal)" if found else ""
 
 
 def without(result: Calibration, views: Mapping[str, str]) -> Calibration:

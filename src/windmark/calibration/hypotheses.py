@@ -1,4 +1,4 @@
-"""What may be wrong besides single marks, tested in the adjusted network: a prior, a picture that was focused anew.
+"""What may be wrong besides single marks, tested in the adjusted network: a prior, a picture focused anew or cut.
 
 A hypothesis adds an unknown to the network: a column b to its equations. Whether that unknown is there is told without
 solving again (Baarda 1967; Teunissen, "Testing theory", 2000, ch. 4): with the residuals r, their cofactors
@@ -7,13 +7,15 @@ Q = 1 - J C J^T, the unknown is -b^T r / (b^T Q b), and the sum of squares would
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from windmark.adjust import chance
+from windmark.adjust.network.datum import in_datum
 from windmark.adjust.network.problem import camera_columns
 from windmark.adjust.terms import whitener
 from windmark.calibration.agreement import FALSE
@@ -55,86 +57,143 @@ NAMED = 5
 
 
 @dataclass(frozen=True)
-class Refocused:
-    """A view whose focal length is another one: its relative change and 1 sigma of that."""
+class Otherwise:
+    """A view whose focal length (K = 1, relative) or principal point (K = 2, px) is another one.
+
+    Parameters
+    ----------
+    view : its name
+    change, sigma : (K,) and 1 sigma
+    test : by how much the sum of squares would fall, in units of its expectation
+    """
 
     view: str
-    change: float
-    sigma: float
+    change: Array
+    sigma: Array
+    test: float
 
 
 @dataclass(frozen=True)
 class Unnoticed:
-    """What a focal length that is `ANEW` off in one view, where it would mostly not be seen, does to the camera's."""
+    """What a change by `ANEW` (of the focal length) in one view, where it would mostly not be seen, does.
 
-    off_px: float
+    Parameters
+    ----------
+    off : to the camera's focal length (px), or to the marker that it moves most
+    sigmas : in units of its stated one
+    """
+
+    off: float
     sigmas: float
 
 
 @dataclass(frozen=True)
-class Focus:
-    """What the marks say of the focal lengths of the views that share their camera's.
+class Asked:
+    """What the marks say of the focal lengths, or of the principal points, of the views that share their camera's.
 
     Parameters
     ----------
     own : views that ask for one of their own
     together : root mean square change of all, where they together ask for it though perhaps none alone does; else 0
+    lead : by how much the sum of squares would fall with all of them, less what as many idle unknowns are worth (BIC)
     worst : the most that a change in one view would do unnoticed, where it matters
     """
 
-    own: tuple[Refocused, ...] = ()
+    own: tuple[Otherwise, ...] = ()
     together: float = 0.0
+    lead: float = 0.0
     worst: Unnoticed | None = None
 
 
-def refocused(job: Job, solved: Solved) -> Focus:
+def refocused(job: Job, solved: Solved) -> Asked:
     """Views whose marks ask for a focal length of their own, and whether the marks would show it (Baarda 1968)."""
-    problem, state, obs = solved.problem, solved.state, job.observations
-    marks, lay, order = problem.marks, problem.layout, problem.order
+    problem, state = solved.problem, solved.state
+    marks, order = problem.marks, problem.order
     center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.scene(state).view_camera[marks.views]]
-    used = solved.used[order]
-    r = solved.residual[order]
+    if state.change is not None:
+        center = center + state.change[marks.views, 1:]
     white = whitener(problem.network.cov, len(order))[order]
     # The residual is white (seen - xy + shift): what the view's focal length moves is white (seen - center).
-    b = np.where(used[:, None], r + (white @ (marks.xy - marks.shift - center)[..., None])[..., 0], 0.0)
-    views = np.array([v for v in np.unique(obs.view[solved.taken][solved.used]) if lay.columns.focal[v] < 0])
+    moved = solved.residual[order] + (white @ (marks.xy - marks.shift - center)[..., None])[..., 0]
+    return _asked(job, solved, moved[..., None], slice(0, 1))
+
+
+def shifted(job: Job, solved: Solved) -> Asked:
+    """Views whose marks ask for a principal point of their own: a loose or stabilised lens, a cut picture."""
+    order = solved.problem.order
+    return _asked(job, solved, whitener(solved.problem.network.cov, len(order))[order], slice(1, 3))
+
+
+def _asked(job: Job, solved: Solved, moved: Array, what: slice) -> Asked:
+    """Whether the views' marks, which a change moves by ``moved`` (O, 2, K), ask for it; ``what``: of a view's changes.
+
+    ``every`` is what the network's own unknowns leave over of all changes together, b^T Q b.
+    """
+    problem, kinds = solved.problem, moved.shape[2]
+    marks, free = problem.marks, np.asarray((problem.layout.columns.change[:, what] >= 0).any(axis=1))
+    used = solved.used[problem.order]
+    views = np.array([v for v in np.unique(marks.views[used]) if not free[v]], dtype=np.int64)
     if not len(views):
-        return Focus()
+        return Asked()
     at = np.full(len(job.views), -1)
     at[views] = np.arange(len(views))
-    by_view = at[marks.views]
-    known = by_view >= 0
-    cross = gathered(solved, np.where(known[:, None], b, 0.0), by_view, len(views))
-    power, score = np.zeros(len(views)), np.zeros(len(views))
-    np.add.at(power, by_view[known], (b[known] ** 2).sum(axis=1))
-    np.add.at(score, by_view[known], (b[known] * r[known]).sum(axis=1))
-    moved = solved.covariance.product(cross)
-    every = np.diag(power) - cross.T @ moved
-    left = np.diagonal(every)
-    out = []
-    for n, v in enumerate(views):
-        if left[n] > CHECKED * power[n] and _chance(score[n] ** 2 / left[n], 1, solved) < FALSE / len(views):
-            spread = float(np.sqrt(solved.scale / left[n]))
-            out.append(Refocused(job.views[v].name, float(-score[n] / left[n]), spread))
-    size = np.sqrt(power)
+    group = np.where(used, at[marks.views], -1)
+    known = group >= 0
+    b, r = np.where(known[:, None, None], moved, 0.0), solved.residual[problem.order]
+    cross = np.stack([gathered(solved, b[:, :, k], group, len(views)) for k in range(kinds)], axis=2)
+    power, score = np.zeros((len(views), kinds, kinds)), np.zeros((len(views), kinds))
+    np.add.at(power, group[known], np.einsum("oik,oil->okl", b[known], b[known]))
+    np.add.at(score, group[known], np.einsum("oik,oi->ok", b[known], r[known]))
+    cross = cross.reshape(len(cross), -1)
+    through = solved.covariance.product(cross)
+    every = -cross.T @ through
+    blocks = every.reshape(len(views), kinds, len(views), kinds)
+    n = np.arange(len(views))
+    blocks[n, :, n] += power
+    size = np.sqrt(np.diagonal(power, axis1=1, axis2=2))
+    own = _own(job, solved, views, (blocks[n, :, n], size, score))
+    size = size.ravel()
     value, vector = np.linalg.eigh(every / np.outer(size, size))
     told = value > CHECKED
-    change = (vector[:, told].T @ (score / size)) / value[told]
-    test = float((change**2 * value[told]).sum())
-    together = _chance(test, int(told.sum()), solved) < FALSE
-    rms = float(np.sqrt((((vector[:, told] @ change) / size) ** 2).mean())) if together else 0.0
-    return Focus(tuple(out), rms, _worst(solved, views, left, moved))
+    change = (vector[:, told].T @ (score.ravel() / size)) / value[told]
+    test, count = float((change**2 * value[told]).sum()), int(told.sum())
+    together = _chance(test, count, solved) < FALSE
+    rms = np.sqrt(kinds * (((vector[:, told] @ change) / size) ** 2).mean()) if together else 0.0
+    lead = test / solved.scale - count * np.log(2 * used.sum())
+    left = np.maximum(np.diagonal(blocks[n, :, n], axis1=1, axis2=2), np.finfo(float).tiny)
+    smallest = (norm.isf(FALSE / (2 * len(views))) + norm.isf(1 - NOTICED)) * np.sqrt(solved.scale / left)
+    worst = None
+    if what.start == 0:
+        worst = _worst(solved, views, smallest[:, 0], through)
+    elif set(job.free_focal) >= {v.name for v in job.views}:
+        worst = _worst_shifts(solved, every, count, cross)
+    return Asked(own, float(rms), float(lead), worst)
 
 
-def _worst(solved: Solved, views: NDArray[np.int64], left: Array, moved: Array) -> Unnoticed | None:
+def _own(
+    job: Job, solved: Solved, views: NDArray[np.int64], equations: tuple[Array, Array, Array]
+) -> tuple[Otherwise, ...]:
+    """Views that alone ask for a change; ``equations``: their (V, K, K) and score (V, K), and the size of b (V, K)."""
+    found = []
+    for v, block, size, score in zip(views, *equations, strict=True):
+        value, axes = np.linalg.eigh(block / np.outer(size, size))
+        if not value[0] > CHECKED:
+            continue
+        inverse = (axes / value) @ axes.T / np.outer(size, size)
+        change = -inverse @ score
+        test = float(-change @ score)
+        if _chance(test, len(change), solved) < FALSE / len(views):
+            sigma = np.sqrt(solved.scale * np.diagonal(inverse))
+            found.append(Otherwise(job.views[v].name, change, sigma, test / (solved.scale * len(change))))
+    return tuple(found)
+
+
+def _worst(solved: Solved, views: NDArray[np.int64], smallest: Array, moved: Array) -> Unnoticed | None:
     """What the view does that may be focused anew unnoticed and moves its camera's focal length most, if it matters.
 
-    ``left`` (V,) and ``moved`` (D + E b, V) of the ``views``: what the network's unknowns leave over of a change of
-    each one's focal length, and how they move with it (external reliability).
+    ``smallest`` (V,) and ``moved`` (D + E b, V) of the ``views``: the least change of each one's focal length that is
+    mostly seen, and how the network's unknowns move with one (external reliability).
     """
-    smallest = (norm.isf(FALSE / (2 * len(views))) + norm.isf(1 - NOTICED)) * np.sqrt(
-        solved.scale / np.maximum(left, np.finfo(float).tiny)
-    )
     problem = solved.problem
     camera = problem.scene(solved.state).view_camera[views]
     column = problem.layout.columns.camera[camera, PARAMETERS.index("focal_px")]
@@ -148,26 +207,74 @@ def _worst(solved: Solved, views: NDArray[np.int64], left: Array, moved: Array) 
     return Unnoticed(float(change[n]) * unit, float(ratio[n]))
 
 
-def focus_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
-    """What is said of pictures whose focal length is not that of the others, the surest first, or may not be."""
-    focus = refocused(job, solved)
-    if focus.own:
-        worst = sorted(focus.own, key=lambda r: -abs(r.change) / r.sigma)[:NAMED]
-        listed = ", ".join(f"{{}} ({100 * r.change:+.2g} +- {g1(100 * r.sigma)} %)" for r in worst)
-        more = f" and {len(focus.own) - NAMED} more" if len(focus.own) > NAMED else ""
-        words = f"focal length not that of the other pictures (free_focal): {listed}{more}"
-        return (Doubt(tuple(r.view for r in worst), words, "focal"),)
-    if focus.together:
-        words = f"focal lengths of the pictures differ by {g2(100 * focus.together)} % (rms): free_focal"
-        return (Doubt((), words, "focal"),)
-    if focus.worst is not None:
-        off = f"{g2(focus.worst.off_px)} px, {g2(focus.worst.sigmas)} of its sigmas"
+def _worst_shifts(solved: Solved, every: Array, count: int, cross: Array) -> Unnoticed | None:
+    """What principal points do that are by chance `ANEW` off in every view, to the marker that they move most.
+
+    ``every`` (V K, V K), of rank ``count``, and ``cross`` (D + E b, V K): what the network's unknowns leave over of the
+    shifts, and these in its equations. None where the test of all together would mostly find them. The markers hold the
+    datum; "off" is what chance exceeds once in twenty.
+    """
+    size, lay = ANEW * max(c.focal_px for c in solved.state.cameras), solved.problem.layout
+    beyond = size**2 * float(np.trace(every)) / solved.scale
+    middle, spread = count + beyond, np.sqrt(2 * (count + 2 * beyond))
+    if middle + norm.isf(NOTICED) * spread > chi2.isf(FALSE, count) or not lay.points_eliminated:
+        return None
+    datum, block = in_datum(solved.covariance), lay.columns.point_block
+    sigma = np.sqrt(solved.scale * np.diagonal(datum.points(), axis1=1, axis2=2))[block >= 0]
+    moved = datum.through(cross)[lay.dense :].reshape(lay.blocks, 3, -1)[block[block >= 0]]
+    change = norm.isf(0.025) * size * lay.unit * np.sqrt((moved**2).sum(axis=2))
+    ratio = change / np.where(sigma > 0, sigma, np.inf)
+    at = np.unravel_index(int(ratio.argmax()), ratio.shape)
+    return Unnoticed(float(change[at]), float(ratio[at])) if ratio[at] > MATTERS else None
+
+
+def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
+    """What is said of pictures whose focal length or principal point is not that of the others, or may not be.
+
+    A change of one looks like some of the other: what explains more is named.
+    """
+    focal, principal = refocused(job, solved), shifted(job, solved)
+    if (principal.own or principal.together) and not ((focal.own or focal.together) and focal.lead >= principal.lead):
+        return (_said(principal, "principal point", "principal", _pixels),)
+    if focal.own or focal.together:
+        return (_said(focal, "focal length", "focal", _percent),)
+    if focal.worst is not None:
+        off = f"{g2(focal.worst.off)} px, {g2(focal.worst.sigmas)} of its sigmas"
         words = (
             f"nothing checks that the pictures have one focus: a focal length {100 * ANEW:g} % off in one of them "
             f"alone would mostly go unnoticed, and the camera's be off by {off}"
         )
         return (Doubt((), words, "focus"),)
+    if principal.worst is not None:
+        size = ANEW * max(c.focal_px for c in solved.state.cameras)
+        length = f"{g2(principal.worst.off)} {job.markers.length_unit}".rstrip()
+        off = f"{length}, {g2(principal.worst.sigmas)} of its sigmas"
+        words = (
+            "nothing checks that the pictures, which all have a focus of their own, have one principal point: "
+            f"{size:.0f} px (1 sigma) would mostly go unnoticed, and a marker be off by up to {off}"
+        )
+        return (Doubt((), words, "focus"),)
     return ()
+
+
+def _said(asked: Asked, thing: str, key: str, number: Callable[[Otherwise], str]) -> Doubt:
+    """The surest first."""
+    if not asked.own:
+        size = f"{g2(100 * asked.together)} %" if key == "focal" else f"{g2(asked.together)} px"
+        return Doubt((), f"{thing}s of the pictures differ by {size} (rms): free_{key}", key)
+    worst = sorted(asked.own, key=lambda found: -found.test)[:NAMED]
+    listed = ", ".join(f"{{}} ({number(found)})" for found in worst)
+    more = f" and {len(asked.own) - NAMED} more" if len(asked.own) > NAMED else ""
+    words = f"{thing} not that of the other pictures (free_{key}): {listed}{more}"
+    return Doubt(tuple(found.view for found in worst), words, key)
+
+
+def _percent(found: Otherwise) -> str:
+    return f"{100 * found.change[0]:+.2g} +- {g1(100 * found.sigma[0])} %"
+
+
+def _pixels(found: Otherwise) -> str:
+    return ", ".join(f"{c:+.2g} +- {g1(s)}" for c, s in zip(found.change, found.sigma, strict=True)) + " px"
 
 
 def gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) -> Array:

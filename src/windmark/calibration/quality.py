@@ -233,12 +233,14 @@ def _calibrate_again(result: Calibration, keep: NDArray[np.bool_]) -> Calibratio
     datum = Fixed() if options["datum"] == Fixed() else Free()
     mine = keep[obs.view] & result.used
     views = [v for v, k in zip(result.views, keep, strict=True) if k]
+    there = {v.name for v in views}
     observations = Observations((np.cumsum(keep) - 1)[obs.view[mine]], obs.point[mine], obs.xy[mine], obs.cov[mine])
     return self_calibrate(
         observations, replace(result.markers, sigma=np.full_like(result.markers.sigma, np.nan)),
         {n: replace(c, cov=None) for n, c in result.cameras.items()}, views, datum=datum, free=options["free"],
         rig=options["rig"], eccentricity=options["eccentricity"], prior_sigma=options["prior_sigma"],
-        free_focal=[n for n in options["free_focal"] if n in {v.name for v in views}],
+        free_focal=[n for n in options["free_focal"] if n in there],
+        free_principal=[n for n in options["free_principal"] if n in there],
         reject=options["reject"], max_sigma0=options["max_sigma0"],
     )  # fmt: skip
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
+from windmark.calibration.setup import changed
 from windmark.errors import g2, g3
 from windmark.geometry import Camera, Pose
 from windmark.geometry.described import described
@@ -61,6 +62,7 @@ class Calibration:
     redundancy : observations minus unknowns
     rms_px : root mean square length of the residuals of the used marks
     focal_change : (V,) relative change of the focal length of each view; zero where it is that of its camera
+    principal_shift : (V, 2) shift of the principal point of each view (px), likewise
     cam_from_rig : of each camera of a rig, the first one's is the identity; empty without a rig
     rig_cov : (6, 6) of ``exp(delta) @ cam_from_rig`` of each, times ``max(1, sigma0)**2``
     dropped : why views or markers did not take part, by their name
@@ -102,6 +104,7 @@ class Calibration:
     redundancy: int
     rms_px: float
     focal_change: Array
+    principal_shift: Array
     dropped: Mapping[str, str]
     suspect: tuple[str, ...]
     swapped: tuple[tuple[str, str, str], ...]
@@ -150,6 +153,14 @@ class Calibration:
             if v.name == view and v.cam_from_model is not None:
                 return v.cam_from_model
         raise ValueError(f"pose: no view {view!r}; there are {', '.join(v.name for v in self.views[:10])}")
+
+    def camera(self, view: str) -> Camera:
+        """The camera of a view by name, with the focal length and principal point that the view has."""
+        names = [v.name for v in self.views]
+        if view not in names:
+            raise ValueError(f"camera: no view {view!r}; there are {', '.join(names[:10])}")
+        n = names.index(view)
+        return changed(self.cameras[self.views[n].camera], np.r_[self.focal_change[n], self.principal_shift[n]])
 
     def sigma(self, camera: str, parameter: str) -> float:
         """Standard deviation of an interior parameter by name; 0 if it was not free."""

@@ -16,7 +16,7 @@ from windmark.calibration.datum import Datum, Distance
 from windmark.calibration.eccentric import radii_off
 from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.foreign import contradicting, most_foreign, of_its_own, without
-from windmark.calibration.hypotheses import focus_doubts
+from windmark.calibration.hypotheses import change_doubts
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part
 from windmark.calibration.solve import Solved
@@ -54,6 +54,7 @@ def self_calibrate(
     distances: Sequence[Distance] = (),
     rig: bool = False,
     free_focal: Sequence[str] = (),
+    free_principal: Sequence[str] = (),
     prior_sigma: Mapping[str, float] | None = None,
     eccentricity: str = ECCENTRICITY.default,
     ellipses: ArrayLike | None = None,
@@ -76,8 +77,11 @@ def self_calibrate(
     distances : known distances, which give a free network its scale
     rig : views with the same ``frame`` were taken at once by cameras that do not move against each other
     free_focal : views whose focal length may differ from that of their camera, as the focus distance did (Fig. 6)
+    free_principal : views whose principal point may differ from that of their camera, as a loosely mounted or
+        stabilised lens or a cut picture has it
     prior_sigma : 1 sigma of free parameters round the start values, by name; of "focus" that of the relative changes of
-        the focal length in the views of ``free_focal``, which may be all then: a camera that focuses by itself
+        the focal length in the views of ``free_focal``, which may be all then: a camera that focuses by itself; of
+        "principal" that of the shifts of the principal point (px) in the views of ``free_principal``
     eccentricity : the image of a disc's centre is not the centre of its image. "auto" corrects with the normals (and,
         where the table has none, the radii) that the ellipses tell; of markers whose ellipses tell none with the
         table's normals, then that of the surface through the neighbouring markers, or, where there is none, of the
@@ -125,13 +129,14 @@ def self_calibrate(
         free = usual_free(_in_use(cameras, views).values())
     options: dict[str, Any] = {
         "datum": datum, "free": tuple(free), "distances": tuple(distances), "rig": rig,
-        "free_focal": tuple(free_focal), "prior_sigma": dict(prior_sigma or {}), "eccentricity": eccentricity,
-        "reject": reject, "max_sigma0": max_sigma0, "solver": solver, "seed": seed,
+        "free_focal": tuple(free_focal), "free_principal": tuple(free_principal),
+        "prior_sigma": dict(prior_sigma or {}), "eccentricity": eccentricity, "reject": reject,
+        "max_sigma0": max_sigma0, "solver": solver, "seed": seed,
     }  # fmt: skip
     job = Job(
         observations, markers, tuple(views), _in_use(cameras, views), tuple(free), datum, tuple(distances), rig,
         tuple(free_focal), dict(prior_sigma or {}), solver,
-        None if ellipses is None else np.asarray(ellipses, dtype=float),
+        None if ellipses is None else np.asarray(ellipses, dtype=float), tuple(free_principal),
     )  # fmt: skip
     every = np.ones(len(observations), dtype=np.bool_)
     if not taking_part(job, every)[0].any():
@@ -183,7 +188,11 @@ def _attempt(
         return NotCalibrated(reason, "too_few", (), dropped, np.nan, options)
     outcome, solved = _adjusted(job, state, good, dropped, options)
     others, foreign = outcome, dict[int, str]()
-    while options["reject"] and solved is not None and isinstance(others, Calibration) and contradicting(others):
+    # Where all differ a little (a lens that focuses by itself) the rest still asks for it, however many are left out.
+    while (
+        options["reject"] and solved is not None and isinstance(others, Calibration)
+        and contradicting(others, least=0 if foreign else 2)
+    ):  # fmt: skip
         if 4 * (len(foreign) + 1) > len(job.views):
             return outcome  # of so many none can be told to be the wrong one
         view = most_foreign(solved)
@@ -233,7 +242,7 @@ def _adjusted(
                 "lens beyond the model (free more parameters)",
             )
         used = {"datum": job.datum, "distances": job.distances, "prior_sigma": dict(job.prior_sigma)}
-        doubts = (*held.doubts, *focus_doubts(job, solved))
+        doubts = (*held.doubts, *change_doubts(job, solved))
         return calibration(job, solved, dropped, {**options, **used}, doubts), solved
     except DegenerateGeometry as error:
         return NotCalibrated(str(error), "degenerate", error.weak, dropped, sigma0, options), None

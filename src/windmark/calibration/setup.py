@@ -25,8 +25,9 @@ LEAST_MARKS, LEAST_VIEWS = 4, 2
 """Levenberg-Marquardt, or the paper's growing and shrinking steps."""
 
 
-FOCUS = "focus"
-"""In ``prior_sigma``: how far the focal lengths of single views are from their camera's, relative."""
+FOCUS, PRINCIPAL = "focus", "principal"
+"""In ``prior_sigma``: how far the focal lengths (relative) and principal points (px) of single views are from their
+camera's."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,10 @@ class Job:
     rig : views of one frame share a pose of the rig
     free_focal : names of views with a focal length of their own
     prior_sigma : 1 sigma of free parameters round the start values, by name; of `FOCUS` that of the relative changes
-        of the focal length in the views of ``free_focal``
+        of the focal length in the views of ``free_focal``, of `PRINCIPAL` that of the shifts in ``free_principal``
     solver : see `options.calibration`
     ellipses : (O, 3) half axes and direction of the marks' ellipses
+    free_principal : names of views with a principal point of their own
     """
 
     observations: Observations
@@ -59,6 +61,7 @@ class Job:
     prior_sigma: Mapping[str, float]
     solver: str = SOLVER.default
     ellipses: Array | None = None
+    free_principal: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         obs, markers, views = self.observations, self.markers, self.views
@@ -82,7 +85,9 @@ class Job:
                 f"self_calibrate: marker {markers.name[obs.point[o]]} is observed more than once in view "
                 f"{views[int(obs.view[o])].name}; {int((count > 1).sum())} such pairs"
             )
-        wrong = [p for p in (*self.free, *self.prior_sigma) if p not in PARAMETERS and (p in self.free or p != FOCUS)]
+        of_views = (FOCUS, PRINCIPAL)
+        wrong = [p for p in self.free if p not in PARAMETERS]
+        wrong += [p for p in self.prior_sigma if p not in (*PARAMETERS, *of_views)]
         if wrong:
             raise UsageError(f"self_calibrate: free: {wrong[0]!r} is none of {', '.join(PARAMETERS)}")
         lenses = {c.lens for c in self.cameras.values()}
@@ -92,11 +97,12 @@ class Job:
                 f"self_calibrate: free: a {' or '.join(sorted(lenses))} lens has no {lacking[0]}; it has "
                 f"{', '.join(LENS_PARAMETERS[min(lenses)])}"
             )
-        if FOCUS in self.prior_sigma and not self.prior_sigma[FOCUS] > 0:
-            raise UsageError(f"self_calibrate: prior_sigma: {FOCUS} must be > 0, got {self.prior_sigma[FOCUS]}")
-        missing = sorted(set(self.free_focal) - set(names))
-        if missing:
-            raise UsageError(f"self_calibrate: free_focal names unknown views {', '.join(missing[:5])}")
+        for what in of_views:
+            if what in self.prior_sigma and not self.prior_sigma[what] > 0:
+                raise UsageError(f"self_calibrate: prior_sigma: {what} must be > 0, got {self.prior_sigma[what]}")
+        for what, asked in (("free_focal", self.free_focal), ("free_principal", self.free_principal)):
+            if missing := sorted(set(asked) - set(names)):
+                raise UsageError(f"self_calibrate: {what} names unknown views {', '.join(missing[:5])}")
         if self.ellipses is not None and self.ellipses.shape != (len(obs), 3):
             raise ValueError(f"self_calibrate: ellipses must be ({len(obs)}, 3), got {self.ellipses.shape}")
         SOLVER.check(self.solver, "self_calibrate")
@@ -211,12 +217,26 @@ def make_network(job: Job, taken: Mask, weight: Array | None = None) -> Network:
         free_camera=tuple(
             tuple(p for p in job.free if p in LENS_PARAMETERS[c.lens]) for c in job.cameras.values()
         ), free_frame=np.ones(len(frames), dtype=np.bool_), held=held,
-        free_offset=free_offset, free_focal=np.array([v.name in job.free_focal for v in views], dtype=np.bool_),
+        free_offset=free_offset, free_change=free_change(job), change_sigma=_change_sigma(job),
         point_value=value, point_sigma=sigma, bars=bars_of(job), together=tied,
         weight=None if weight is None else weight[taken],
+        camera_sigma=own,
         camera_value=[{k: float(getattr(c, k)) for k in p} for c, p in zip(job.cameras.values(), own, strict=False)],
-        camera_sigma=own, focal_sigma=np.full(len(views), focus) if (focus := job.prior_sigma.get(FOCUS)) else None,
     )  # fmt: skip
+
+
+def free_change(job: Job) -> Mask | None:
+    """(V, 3) what each view may differ by from its camera, as `adjust.network.Network` has it; None for nothing."""
+    if not (job.free_focal or job.free_principal):
+        return None
+    focal, principal = set(job.free_focal), set(job.free_principal)
+    return np.array([[v.name in focal, v.name in principal, v.name in principal] for v in job.views], dtype=np.bool_)
+
+
+def _change_sigma(job: Job) -> Array | None:
+    """(V, 3) how much that is, beforehand."""
+    focus, principal = (job.prior_sigma.get(what, np.inf) for what in (FOCUS, PRINCIPAL))
+    return None if np.isinf([focus, principal]).all() else np.tile([focus, principal, principal], (len(job.views), 1))
 
 
 def frames_of(job: Job) -> tuple[list[str], Ints]:
@@ -244,11 +264,11 @@ def first_state(job: Job, cameras: Mapping[str, Camera], poses: Sequence[Pose | 
     """
     names = list(job.cameras)
     keys, frame = frames_of(job)
-    focal = np.zeros(len(job.views)) if job.free_focal else None
+    change = None if free_change(job) is None else np.zeros((len(job.views), 3))
     values = tuple(replace(cameras[n], cov=None) for n in names)
     usable = next(p for p in poses if p is not None)
     if not job.rig:
-        return NetworkState(values, _stack([p or usable for p in poses]), job.markers.xyz.copy(), None, focal)
+        return NetworkState(values, _stack([p or usable for p in poses]), job.markers.xyz.copy(), None, change)
     camera = np.array([names.index(v.camera) for v in job.views])
     offsets = [Pose.identity()]
     for c in range(1, len(names)):
@@ -265,7 +285,7 @@ def first_state(job: Job, cameras: Mapping[str, Camera], poses: Sequence[Pose | 
     for f in range(len(keys)):
         known = [(offsets[camera[v]], poses[v]) for v in np.flatnonzero(frame == f).tolist()]
         frames.append(next((offset.inverse() @ p for offset, p in known if p is not None), usable))
-    return NetworkState(values, _stack(frames), job.markers.xyz.copy(), _stack(offsets), focal)
+    return NetworkState(values, _stack(frames), job.markers.xyz.copy(), _stack(offsets), change)
 
 
 def _stack(poses: list[Pose]) -> Pose:
@@ -279,15 +299,21 @@ def _middle(poses: list[Pose]) -> Pose:
     return poses[int(np.linalg.norm(logs * scale, axis=2).sum(axis=1).argmin())]
 
 
+def changed(camera: Camera, change: Array) -> Camera:
+    """The camera of one view, which differs by ``change`` (3,): relative focal length, principal point (px)."""
+    if not change.any():
+        return camera
+    focal, x, y = (float(value) for value in change)
+    return replace(camera, focal_px=camera.focal_px * (1 + focal), cx=camera.cx + x, cy=camera.cy + y)
+
+
 def views_of(job: Job, state: NetworkState) -> list[tuple[Camera, Pose]]:
-    """Camera (with the view's own focal length) and ``cam_from_model`` of every view."""
+    """Camera (with the view's own focal length and principal point) and ``cam_from_model`` of every view."""
     names, (_, frame) = list(job.cameras), frames_of(job)
     out = []
     for v, view in enumerate(job.views):
         c = names.index(view.camera)
-        camera = state.cameras[c]
-        if state.focal_change is not None and state.focal_change[v]:
-            camera = replace(camera, focal_px=camera.focal_px * float(1 + state.focal_change[v]))
+        camera = state.cameras[c] if state.change is None else changed(state.cameras[c], state.change[v])
         pose = Pose.trusted(state.frames.rotation[frame[v]], state.frames.translation[frame[v]])
         if state.offsets is not None:
             pose = Pose(state.offsets.rotation[c], state.offsets.translation[c]) @ pose

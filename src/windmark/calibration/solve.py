@@ -247,10 +247,11 @@ def _known(network: Network) -> int:
         points = int(np.isfinite(network.point_sigma[network.used_point & ~network.held.all(axis=1)]).sum())
     if network.together is not None:
         points += network.together.value.size
-    focals = 0
-    if network.focal_sigma is not None and network.free_focal is not None:
-        focals = int((network.free_focal & network.used_view & np.isfinite(network.focal_sigma)).sum())
-    return points + focals + len(network.bars.length) + sum(len(sigma) for sigma in network.camera_sigma)
+    changes = 0
+    if network.change_sigma is not None and network.free_change is not None:
+        used = network.used_view[:, None]
+        changes = int((network.free_change & used & np.isfinite(network.change_sigma)).sum())
+    return points + changes + len(network.bars.length) + sum(len(sigma) for sigma in network.camera_sigma)
 
 
 def _minimum(

@@ -83,14 +83,15 @@ def _job(result: Calibration, datum: Free, reference: MarkerSet | None) -> Job:
         result.observations, markers, result.views, {n: replace(c, cov=None) for n, c in result.cameras.items()},
         options["free"], datum, tuple(d for d in options["distances"] if {d.first, d.second} <= there),
         options["rig"], tuple(n for n in options["free_focal"] if n in seen), options["prior_sigma"],
+        free_principal=tuple(n for n in options["free_principal"] if n in seen),
     )  # fmt: skip
 
 
 def _state(job: Job, result: Calibration) -> NetworkState:
     """The values as they are."""
     state = first_state(job, job.cameras, [v.cam_from_model for v in job.views])
-    focal = result.focal_change if job.free_focal else None
-    return replace(state, points=result.markers.xyz.copy(), focal_change=focal)
+    change = None if state.change is None else np.column_stack([result.focal_change, result.principal_shift])
+    return replace(state, points=result.markers.xyz.copy(), change=change)
 
 
 def _shift(job: Job, result: Calibration, state: NetworkState) -> Array:

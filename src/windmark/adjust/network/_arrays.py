@@ -12,8 +12,10 @@ Ints = NDArray[np.int64]
 
 INTERIOR = 15
 """Parameters of a camera."""
-SHARED = INTERIOR + 6 + 6 + 1
-"""Dense parameters of a view at most: camera, rig member, frame, focal change."""
+CHANGE = 3
+"""By what a view may differ from its camera: relative change of the focal length, shift of the principal point."""
+SHARED = INTERIOR + 6 + 6 + CHANGE
+"""Dense parameters of a view at most: camera, rig member, frame, change."""
 ROOM = SHARED + 3
 """The same with a point."""
 
@@ -37,7 +39,7 @@ class Scene(NamedTuple):
     view_camera: Ints  # (V,)
     view_frame: Ints  # (V,)
     view_offset: Ints  # (V,), -1: none
-    focal: Array  # (V,) factor on the focal length
+    change: Array  # (V, 3) factor on the focal length, shift of the principal point (px)
     frame_r: Array  # (F, 3, 3)
     frame_t: Array  # (F, 3)
     offset_r: Array  # (A, 3, 3)
@@ -49,6 +51,7 @@ class Units(NamedTuple):
     """Natural units: what a step of one means."""
 
     camera: Array  # (C, 15)
+    change: Array  # (V, 3)
     frame_pivot: Array  # (F, 3) in the frame's target system; rotations turn about it
     frame_scale: Array  # (F,)
     offset_pivot: Array  # (A, 3)
@@ -62,7 +65,7 @@ class Columns(NamedTuple):
     camera: Ints  # (C, 15)
     offset: Ints  # (A,)
     frame: Ints  # (F,)
-    focal: Ints  # (V,)
+    change: Ints  # (V, 3)
     point: Ints  # (N,)
     frame_block: Ints  # (F,)
     point_block: Ints  # (N,)

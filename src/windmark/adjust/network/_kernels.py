@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.network._arrays import INTERIOR, SHARED, Columns, Equations, Marks, Scene, Units
+from windmark.adjust.network._arrays import CHANGE, INTERIOR, SHARED, Columns, Equations, Marks, Scene, Units
 from windmark.adjust.network._projection_kernels import (
     FAST,
     Numbers,
@@ -196,7 +196,7 @@ def _view_rows(
     frame_pivot, offset_pivot = _pivots(scene, units, i)
     c, f, a = scene.view_camera[i], scene.view_frame[i], scene.view_offset[i]
     by_offset, by_frame = member and columns.offset[a] >= 0, columns.frame[f] >= 0
-    by_focal, frame_block, unit = columns.focal[i] >= 0, columns.frame_block[f], units.point
+    frame_block, unit, change = columns.frame_block[f], units.point, columns.change
     fx, dc = camera[0] * factor, np.empty((2, INTERIOR))
     free, scale = np.empty(INTERIOR, np.int64), np.empty(INTERIOR)
     fy = fx * camera[1]
@@ -237,10 +237,12 @@ def _view_rows(
                 block[m] = frame_block
                 for b in range(6):
                     je[m, 0, b], je[m, 1, b] = row[b], next_row[b]
-        if by_focal:
-            # By the relative change: the focal length itself times the sensor coordinates.
-            table[count, 2 * m], table[count, 2 * m + 1] = dc[0, 0] * camera[0] / factor, dc[1, 0] * camera[0] / factor
-            count += 1
+        for k in range(CHANGE):
+            if change[i, k] >= 0:
+                # By the relative change: the focal length itself times the sensor coordinates.
+                to, by = (0, camera[0] / factor) if k == 0 else (k + 1, units.change[i, k])
+                table[count, 2 * m], table[count, 2 * m + 1] = dc[0, to] * by, dc[1, to] * by
+                count += 1
         dx = fx * (sx + camera[16] * sy) + camera[2] + shift[o, 0] - xy[o, 0]
         dy = fy * sy + camera[3] + shift[o, 1] - xy[o, 1]
         table[count, 2 * m], table[count, 2 * m + 1] = w[0] * dx, w[1] * dx + w[2] * dy
@@ -277,7 +279,11 @@ def _view_columns(scene: Scene, columns: Columns, i: int, cols: Ints, runs: Ints
     if count > 0:
         runs[0, 0], runs[0, 1], used = cols[0], count, 1
     offset = columns.offset[a] if a >= 0 else -1
-    for start, size in ((offset, 6), (columns.frame[f], 6), (columns.focal[i], 1)):
+    change, changes = -1, 0
+    for k in range(CHANGE - 1, -1, -1):
+        if columns.change[i, k] >= 0:
+            change, changes = columns.change[i, k], changes + 1
+    for start, size in ((offset, 6), (columns.frame[f], 6), (change, changes)):
         if start >= 0:
             for k in range(size):
                 cols[count + k] = start + k

@@ -23,20 +23,20 @@ FAST = {"contract", "arcp", "nsz"}
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def view_of(scene: Scene, i: int) -> tuple[Numbers, bool, Numbers, Numbers, Numbers, float]:
-    """What a view's marks share, as numbers: handing on arrays costs atomic reference counts for every mark."""
+    """What a view's marks share, as numbers; the camera has its own principal point, its focal length is a factor."""
     c, a = scene.view_camera[i], scene.view_offset[i]
     frame = _numbers(scene.frame_r, scene.frame_t, scene.view_frame[i])
     offset = frame if a < 0 else _numbers(scene.offset_r, scene.offset_t, a)
-    k, h = scene.camera, scene.tilt
+    k, h, own = scene.camera, scene.tilt, scene.change
     camera = (
-        k[c, 0], k[c, 1], k[c, 2], k[c, 3], k[c, 4], k[c, 5], k[c, 6], k[c, 7], k[c, 8], k[c, 9], k[c, 10], k[c, 11],
-        k[c, 12], k[c, 13], k[c, 14], k[c, 15], k[c, 16],
+        k[c, 0], k[c, 1], k[c, 2] + own[i, 1], k[c, 3] + own[i, 2], k[c, 4], k[c, 5], k[c, 6], k[c, 7], k[c, 8],
+        k[c, 9], k[c, 10], k[c, 11], k[c, 12], k[c, 13], k[c, 14], k[c, 15], k[c, 16],
     )  # fmt: skip
     sensor = (
         h[c, 0, 0, 0], h[c, 0, 0, 1], h[c, 0, 0, 2], h[c, 0, 1, 0], h[c, 0, 1, 1], h[c, 0, 1, 2],
         h[c, 0, 2, 0], h[c, 0, 2, 1], h[c, 0, 2, 2],
     )  # fmt: skip
-    return frame, a >= 0, offset, camera, sensor, scene.focal[i]
+    return frame, a >= 0, offset, camera, sensor, own[i, 0]
 
 
 @nb.njit(cache=True, nogil=True)

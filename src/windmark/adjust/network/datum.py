@@ -43,6 +43,10 @@ class DatumCovariance:
         right = product[rows] @ change[columns].swapaxes(-1, -2)
         return np.asarray(solved - left - right + change[rows] @ self.inner @ change[columns].swapaxes(-1, -2))
 
+    def through(self, vectors: Array) -> Array:
+        """Covariance times (D + E b, k), with the free motions held here."""
+        return np.asarray(self.network.product(vectors) - self.change @ (self.product.T @ vectors))
+
     def points(self) -> Array:
         """(N, 3, 3) of all points in the squared length unit; zero where a coordinate is held, NaN if never seen."""
         lay, dense = self.network.layout, self.network.dense

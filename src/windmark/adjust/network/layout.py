@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust.blocks import CameraBlock
-from windmark.adjust.network._arrays import Columns, Units
+from windmark.adjust.network._arrays import CHANGE, Columns, Units
 from windmark.adjust.network.model import Network
 from windmark.adjust.network.state import NetworkState
 from windmark.geometry import PARAMETERS
@@ -72,10 +72,14 @@ def make_layout(network: Network, state: NetworkState) -> Layout:
     dense_frame = frame if away == "points" else np.zeros_like(frame)
     dense_point = point & tied if away == "points" else point
     frame_column = number(dense_frame, 6)
-    focal = number(_both(network.free_focal, network.used_view), 1)
+    change = np.full((len(network.view_camera), CHANGE), -1)
+    if network.free_change is not None:
+        asked = network.free_change & network.used_view[:, None]
+        change[asked] = count + np.arange(asked.sum())
+        count += int(asked.sum())
     point_column = number(dense_point, 3)
     columns = Columns(
-        camera, offset, frame_column, focal, point_column,
+        camera, offset, frame_column, change, point_column,
         _blocks(frame & ~dense_frame), _blocks(point & ~dense_point), np.ascontiguousarray(network.held),
     )  # fmt: skip
     blocks, size = (point & ~dense_point, 3) if away == "points" else (frame & ~dense_frame, 6)
@@ -85,10 +89,6 @@ def make_layout(network: Network, state: NetworkState) -> Layout:
     return Layout(columns, count, int(blocks.sum()), size, center, unit)
 
 
-def _both(free: NDArray[np.bool_] | None, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return np.zeros_like(used) if free is None else free & used
-
-
 def _blocks(free: NDArray[np.bool_]) -> Ints:
     return np.where(free, np.cumsum(free) - 1, -1)
 
@@ -96,6 +96,8 @@ def _blocks(free: NDArray[np.bool_]) -> Ints:
 def natural_units(network: Network, layout: Layout, state: NetworkState) -> Units:
     """Natural units at a state: see `blocks`; a rotation of a frame turns about the points' centroid."""
     camera = np.stack([np.diagonal(_EVERY.natural(c)) for c in state.cameras])
+    focal = np.array([c.focal_px for c in state.cameras])[network.view_camera]
+    change = np.stack([np.ones_like(focal), focal, focal], axis=1)
     frame_pivot = state.frames.rotation @ layout.center + state.frames.translation
     if state.offsets is None:
         offset_pivot = np.zeros((0, 3))
@@ -111,8 +113,8 @@ def natural_units(network: Network, layout: Layout, state: NetworkState) -> Unit
             ]
         )
     return Units(
-        camera, frame_pivot, _length(frame_pivot, layout.unit), offset_pivot, _length(offset_pivot, layout.unit),
-        layout.unit,
+        camera, change, frame_pivot, _length(frame_pivot, layout.unit), offset_pivot,
+        _length(offset_pivot, layout.unit), layout.unit,
     )  # fmt: skip
 
 

@@ -85,11 +85,12 @@ class Network:
     view_camera, view_frame : (V,) camera and frame of each view
     view_offset : (V,) rig member of each view, -1 for none: ``cam_from_model = offset @ frame``
     free_camera : for each camera the names of its free parameters (`geometry.PARAMETERS`)
-    free_frame, free_offset, free_focal : (F,), (A,), (V,) which poses and focal changes are free
+    free_frame, free_offset : (F,), (A,) which poses are free
+    free_change : (V, 3) in what views may differ from their camera: focal length, principal point (2)
     held : (N, 3) coordinates of points that do not move
     point_value, point_sigma : (N, 3) known coordinates and their 1 sigma; sigma inf where nothing is known
     camera_value, camera_sigma : for each camera, known parameters by name and their 1 sigma
-    focal_sigma : (V,) 1 sigma of the relative focal changes round 0; inf where nothing is known
+    change_sigma : (V, 3) 1 sigma of these changes round 0 (relative, px); inf where nothing is known
     bars : known distances
     together : points with a joint covariance; they are free, observed, and have no ``point_sigma``
     loss : on the length of each observation's whitened residual
@@ -108,12 +109,12 @@ class Network:
     free_frame: Mask
     held: Mask
     free_offset: Mask = field(default_factory=lambda: np.zeros(0, bool))
-    free_focal: Mask | None = None
+    free_change: Mask | None = None
     point_value: Array | None = None
     point_sigma: Array | None = None
     camera_value: Sequence[Mapping[str, float]] = ()
     camera_sigma: Sequence[Mapping[str, float]] = ()
-    focal_sigma: Array | None = None
+    change_sigma: Array | None = None
     bars: Bars = NO_BARS
     together: KnownTogether | None = None
     loss: Loss = field(default_factory=Loss)
@@ -124,7 +125,7 @@ class Network:
         o, v, n = len(self.xy), len(self.view_camera), len(self.held)
         shapes = {
             "view": (o,), "point": (o,), "xy": (o, 2), "cov": (o, 2, 2), "view_frame": (v,), "view_offset": (v,),
-            "held": (n, 3), "free_focal": (v,), "point_value": (n, 3), "point_sigma": (n, 3), "focal_sigma": (v,),
+            "held": (n, 3), "free_change": (v, 3), "point_value": (n, 3), "point_sigma": (n, 3), "change_sigma": (v, 3),
             "weight": (o,),
         }  # fmt: skip
         for name, shape in shapes.items():

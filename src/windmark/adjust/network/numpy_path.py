@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.adjust.network._arrays import INTERIOR, ROOM, Columns, Equations, Marks, Scene, Units
+from windmark.adjust.network._arrays import CHANGE, INTERIOR, ROOM, Columns, Equations, Marks, Scene, Units
 from windmark.geometry.camera_jacobian import project_jacobian
 from windmark.geometry.rotations import hat
 
@@ -49,10 +49,12 @@ def jacobian_rows(
         d_xyz = np.where(rig[:, None, None], d_xyz @ scene.offset_r[a], d_xyz)
     rows = _pose_rows(d_xyz, xb, units.frame_pivot[f], units.frame_scale[f])
     put(INTERIOR + 6, columns.frame[f], rows)
-    change = d_cam[:, :, :1] * (scene.camera[c, 0] / scene.focal[i])[:, None, None]
-    put(INTERIOR + 12, columns.focal[i], change)
+    # By the relative change: the focal length itself times the sensor coordinates.
+    by_factor = d_cam[:, :, 0] * (scene.camera[c, 0] / scene.change[i, 0])[:, None]
+    for k, by_change in enumerate((by_factor, d_cam[:, :, 2], d_cam[:, :, 3])):
+        put(INTERIOR + 12 + k, columns.change[i, k], (by_change * units.change[i, k, None])[:, :, None])
     at_point = (d_xyz @ scene.frame_r[f]) * np.where(columns.held[p], 0.0, units.point)[:, None]
-    put(INTERIOR + 13, columns.point[p], at_point)
+    put(INTERIOR + 12 + CHANGE, columns.point[p], at_point)
     if je.shape[2] == 6:
         block[:] = columns.frame_block[f]
         je[:] = np.where(block[:, None, None] < 0, 0.0, rows)
@@ -146,14 +148,15 @@ def _projected(marks: Marks, scene: Scene) -> tuple[Array, NDArray[np.bool_], Ar
     o = len(i)
     xy, valid = np.zeros((o, 2)), np.zeros(o, bool)
     d_xyz, d_cam = np.zeros((o, 2, 3)), np.zeros((o, 2, INTERIOR))
-    # Views differ by their factor on the focal length.
+    # Views differ in their focal length and principal point.
     for view in np.unique(i):
         own = i == view
         packed = scene.camera[scene.view_camera[view]]
         parameters = np.concatenate([packed[:11], packed[12:15], packed[16:]])
-        parameters[0] *= scene.focal[view]
+        parameters[0] *= scene.change[view, 0]
+        parameters[2:4] += scene.change[view, 1:]
         xy[own], valid[own], d_xyz[own], d_cam[own] = project_jacobian(parameters, xc[own], int(packed[15]))
-        d_cam[own, :, 0] *= scene.focal[view]
+        d_cam[own, :, 0] *= scene.change[view, 0]
     return xy, valid, d_xyz, d_cam, xb, xc
 
 

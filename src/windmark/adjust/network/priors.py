@@ -1,4 +1,4 @@
-"""What is known besides the pictures: coordinates, interior parameters, focal changes, distances."""
+"""What is known besides the pictures: coordinates, interior parameters, changes of single views, distances."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def add_priors(network: Network, layout: Layout, state: NetworkState, units: Uni
         _points(network, layout, state, units, into)
         + _together(network, layout, state, units, into)
         + _cameras(network, layout, state, units, into)
-        + _focals(network, layout, state, into)
+        + _changes(network, layout, state, units, into)
         + _bars(network, layout, state, units, into)
     )
 
@@ -75,16 +75,16 @@ def _cameras(network: Network, layout: Layout, state: NetworkState, units: Units
     return cost
 
 
-def _focals(network: Network, layout: Layout, state: NetworkState, into: Into) -> float:
-    if network.focal_sigma is None:
+def _changes(network: Network, layout: Layout, state: NetworkState, units: Units, into: Into) -> float:
+    if network.change_sigma is None:
         return 0.0
     h_dd, _, g_d, _ = into
-    own = layout.columns.focal >= 0
-    change = np.zeros(len(own)) if state.focal_change is None else state.focal_change
-    weight = 1 / network.focal_sigma[own]
-    r, column = change[own] * weight, layout.columns.focal[own]
-    h_dd[column, column] += weight**2
-    g_d[column] += weight * r
+    own = layout.columns.change >= 0
+    change = np.zeros(own.shape) if state.change is None else state.change
+    weight = 1 / network.change_sigma[own]
+    r, j, column = change[own] * weight, units.change[own] * weight, layout.columns.change[own]
+    h_dd[column, column] += j**2
+    g_d[column] += j * r
     return 0.5 * float((r * r).sum())
 
 

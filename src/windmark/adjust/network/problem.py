@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust.loss import Loss
 from windmark.adjust.network import linear
-from windmark.adjust.network._arrays import ROOM, Equations, Marks, Scene, Units
+from windmark.adjust.network._arrays import CHANGE, ROOM, Equations, Marks, Scene, Units
 from windmark.adjust.network.equations import NetworkEquations
 from windmark.adjust.network.gauge import free_motions, stabiliser
 from windmark.adjust.network.layout import Layout, make_layout, natural_units
@@ -90,11 +90,11 @@ class NetworkProblem:
         """Values as the kernels want them."""
         camera = np.stack([c.packed() for c in state.cameras])
         tilt = np.stack([_tilt(c.tilt_x, c.tilt_y) for c in state.cameras])
-        focal = np.ones(len(self._view_camera)) if state.focal_change is None else 1 + state.focal_change
+        change = np.zeros((len(self._view_camera), CHANGE)) if state.change is None else state.change
         frames, offsets = state.frames, state.offsets or Pose(np.zeros((0, 3, 3)), np.zeros((0, 3)))
         plain = np.ascontiguousarray
         return Scene(
-            camera, tilt, self._view_camera, self._view_frame, self._view_offset, focal,
+            camera, tilt, self._view_camera, self._view_frame, self._view_offset, change + np.eye(1, CHANGE),
             plain(frames.rotation), plain(frames.translation), plain(offsets.rotation), plain(offsets.translation),
             plain(state.points),
         )  # fmt: skip
@@ -206,15 +206,15 @@ class NetworkProblem:
         if offsets is not None and (columns.offset >= 0).any():
             step = _gathered(columns.offset, dense, np.full_like(columns.offset, -1), blocks, 6)
             offsets = _turned(offsets, step, units.offset_pivot, units.offset_scale)
-        focal = state.focal_change
-        if (columns.focal >= 0).any():
-            focal = np.zeros(len(columns.focal)) if focal is None else focal.copy()
-            focal[columns.focal >= 0] += dense[columns.focal[columns.focal >= 0]]
-            if not (focal > -1).all():
+        change, own = state.change, columns.change >= 0
+        if own.any():
+            change = np.zeros(own.shape) if change is None else change.copy()
+            change[own] += units.change[own] * dense[columns.change[own]]
+            if not (change[:, 0] > -1).all():
                 return None
         step = _gathered(columns.point, dense, columns.point_block, blocks, 3)
         points = state.points + units.point * np.where(columns.held, 0.0, step)
-        return NetworkState(tuple(cameras), frames, points, offsets, focal)
+        return NetworkState(tuple(cameras), frames, points, offsets, change)
 
     def _hold(self, h_ee: Array) -> None:
         """Coordinates of eliminated points that do not move: a unit on the diagonal."""

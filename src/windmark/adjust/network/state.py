@@ -22,11 +22,12 @@ class NetworkState:
     frames : batch of F poses, ``rig_from_model`` (``cam_from_model`` where there is no rig)
     points : (N, 3)
     offsets : batch of A poses ``cam_from_rig``; None without a rig
-    focal_change : (V,) relative change of the focal length of each view, or None for none
+    change : (V, 3) what each view differs by from its camera: relative change of the focal length, and shift of the
+        principal point (px); None for nothing
     """
 
     cameras: tuple[Camera, ...]
     frames: Pose
     points: Array
     offsets: Pose | None = None
-    focal_change: Array | None = None
+    change: Array | None = None

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.adjust.network._arrays import CHANGE
 from windmark.adjust.network.problem import NetworkProblem, camera_columns
 from windmark.adjust.network.state import NetworkState
 from windmark.adjust.paper_engine import PaperOptions
@@ -28,7 +29,7 @@ Ints = NDArray[np.int64]
 class _Family:
     """Parameters (G,) that do not touch each other: their places in a step, and whose each mark is (O,), -1 for none.
 
-    ``prior`` says what part of the prior knowledge they change: "points" and "focal" their own, "all" any.
+    ``prior`` says what part of the prior knowledge they change: "points" and "change" their own, "all" any.
     """
 
     place: Ints
@@ -125,11 +126,13 @@ class _Walk:
         network = self.problem.network
         if family.prior == "all":
             return self.problem.prior_cost(state)
-        if family.prior == "focal":
-            if network.focal_sigma is None or state.focal_change is None:
+        if family.prior == "change":
+            if network.change_sigma is None or state.change is None:
                 return 0.0
-            own = self.problem.layout.columns.focal >= 0
-            return np.asarray(0.5 * (state.focal_change[own] / network.focal_sigma[own]) ** 2)
+            columns = self.problem.layout.columns.change
+            k = np.flatnonzero((columns == family.place[0]).any(axis=0))[0]
+            free = columns[:, k] >= 0
+            return np.asarray(0.5 * (state.change[free, k] / network.change_sigma[free, k]) ** 2)
         if family.prior == "points" and network.point_sigma is not None and network.point_value is not None:
             known = np.isfinite(network.point_sigma) & ~network.held
             off = np.where(known, state.points - np.where(known, network.point_value, 0.0), 0.0) / network.point_sigma
@@ -138,7 +141,7 @@ class _Walk:
 
 
 def _families(problem: NetworkProblem) -> Iterator[_Family]:
-    """Poses, focal changes and rig first (the exterior parameters), then interior parameters and markers."""
+    """Poses, changes of single views and rig first (the exterior parameters), then interior parameters and markers."""
     network, lay, marks = problem.network, problem.layout, problem.marks
     columns = lay.columns
     frame = _places(columns.frame, columns.frame_block, lay.dense, 6)
@@ -146,9 +149,10 @@ def _families(problem: NetworkProblem) -> Iterator[_Family]:
     owner = _numbered(free, len(frame))[network.view_frame[marks.views]]
     for k in range(6):
         yield _Family(frame[free] + k, owner, "none")
-    free = np.flatnonzero(columns.focal >= 0)
-    if len(free):
-        yield _Family(columns.focal[free], _numbered(free, len(columns.focal))[marks.views], "focal")
+    for k in range(CHANGE):
+        free = np.flatnonzero(columns.change[:, k] >= 0)
+        if len(free):
+            yield _Family(columns.change[free, k], _numbered(free, len(columns.change))[marks.views], "change")
     for a in np.flatnonzero(columns.offset >= 0):
         owner = np.where(network.view_offset[marks.views] == a, 0, -1)
         for k in range(6):

@@ -37,6 +37,7 @@ def calibrate(
     free: a.Parameters = None,
     prior_sigma: a.PriorSigma = None,
     free_focal: a.FreeFocal = None,
+    free_principal: a.FreePrincipal = None,
     distance: a.Distances = None,
     rig: a.Rig = RIG.default,
     eccentricity: a.Eccentricity = ECCENTRICITY.default,
@@ -80,8 +81,10 @@ def calibrate(
         model, wanted = typed.parse_lens(lens, free)
         settings = CalibrateSettings(
             typed.parse_datum(datum, needed=dots is None), wanted,
-            typed.parse_distances(distance or ()), rig, tuple(free_focal or ()), typed.parse_priors(prior_sigma or ()),
-            eccentricity, reject, max_sigma0, seed, solver, model,
+            typed.parse_distances(distance or ()), rig, tuple(free_focal or ()), tuple(free_principal or ()),
+            typed.parse_priors(
+                prior_sigma or (), {"--free-focal": free_focal, "--free-principal": free_principal}
+            ), eccentricity, reject, max_sigma0, seed, solver, model,
         )  # fmt: skip
         match = MatchOptions(
             tuple(radius or ()), polarity, merit_max, channel, bayer, mask, typed.parse_labels(label or (), labels),

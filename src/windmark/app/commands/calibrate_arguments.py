@@ -89,7 +89,8 @@ PriorSigma = Annotated[
     Texts,
     typer.Option(
         help="PARAMETER=SIGMA: known so well round its start value; focus=0.003: focal lengths of --free-focal "
-        "pictures differ by 0.3 % (1 sigma); several times.",
+        "pictures differ by 0.3 % (1 sigma); principal=10: principal points of --free-principal pictures by 10 px; "
+        "several times.",
         rich_help_panel=LENS,
     ),
 ]
@@ -98,6 +99,14 @@ FreeFocal = Annotated[
     typer.Option(
         help="Picture with a focal length of its own (another focus distance); several times; all: a camera that "
         "focused by itself.",
+        rich_help_panel=LENS,
+    ),
+]
+FreePrincipal = Annotated[
+    Texts,
+    typer.Option(
+        help="Picture with a principal point of its own (it was cut, or its lens stabilised or loose); several times; "
+        "all: every picture.",
         rich_help_panel=LENS,
     ),
 ]

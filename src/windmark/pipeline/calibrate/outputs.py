@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,9 +54,8 @@ def write_network(result: Calibration, folder: Path, unit: str) -> None:
     io.write_json(folder / "poses.json", {"length_unit": unit, "views": pose_records(result)})
     place = folder / "views"
     place.mkdir()
-    for view, change, cov in zip(result.views, result.focal_change, result.pose_cov, strict=True):
-        camera = result.cameras[view.camera]
-        camera = replace(camera, focal_px=camera.focal_px * (1 + float(change)))
+    for view, cov in zip(result.views, result.pose_cov, strict=True):
+        camera = result.camera(view.name)
         known = cov if view.cam_from_model is not None and np.isfinite(cov).all() else None
         io.write_camera(place / file_name(view.name), camera, view.cam_from_model, unit=unit, pose_cov=known)
     io.write_table(folder / "residuals.csv", residual_columns(result))
@@ -108,7 +106,9 @@ def pose_columns(result: Calibration) -> dict[str, Any]:
         **{f"sigma_{axis}": sigma[:, k] for k, axis in enumerate("xyz")},
         **{f"r{axis}_deg": np.array([getattr(p, f"r{axis}_deg") for p in pov]) for axis in "xyz"},
         **{f"sigma_cam_{axis}_deg": turn[:, k] for k, axis in enumerate("xyz")},
-        "focal_change": result.focal_change, "marks": count, "left_out": out, "rms_px": rms,
+        "focal_change": result.focal_change,
+        **{f"principal_shift_{axis}_px": result.principal_shift[:, k] for k, axis in enumerate("xy")},
+        "marks": count, "left_out": out, "rms_px": rms,
     }  # fmt: skip
 
 
@@ -120,6 +120,7 @@ def pose_records(result: Calibration) -> list[Record]:
             "image": v.name, "camera": v.camera, "frame": v.frame, "rotation": result.pose(v.name).rotation,
             "translation": result.pose(v.name).translation, "covariance": result.pose_cov[n],
             "station": at[n], "station_covariance": cov[n], "focal_change": float(result.focal_change[n]),
+            "principal_shift_px": result.principal_shift[n],
         }
         for n, v in enumerate(result.views)
     ]  # fmt: skip

@@ -12,8 +12,11 @@ STEPS = {
     "marker": "measure it again, or leave it out",
     "picture": "see that this picture is of this camera and moment, its focus and its labels; else leave it out",
     "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",
+    "principal": "free the principal points (calibrate --free-principal PICTURE, or all with --prior-sigma "
+    "principal=10); switch the stabiliser off, do not cut pictures",
     "focus": "take more pictures, rolled and from several distances, or say how far the focus may have moved "
-    "(calibrate --free-focal all --prior-sigma focus=0.003)",
+    "(calibrate --free-focal all --prior-sigma focus=0.003), and the principal point with it (--free-principal all "
+    "--prior-sigma principal=10)",
     "control": "measure the named ones again, or leave the wrong one out",
     "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
     "(--board-marks)",

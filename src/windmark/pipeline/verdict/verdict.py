@@ -28,6 +28,7 @@ CAUSES = {
     "grid": "a grid that is not where the markers are",
     "focus": "pictures of which nothing checks that they have one focus",
     "focal": "a focal length that does not fit",
+    "principal": "a principal point that is not the other pictures'",
     "moved": "a camera that is not where it should be",
     "camera": "an interior of the camera, or a lens, that does not fit",
     "picture": "a picture that contradicts the others",

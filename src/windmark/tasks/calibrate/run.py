@@ -21,16 +21,16 @@ from windmark.tasks.calibrate.marks import Marks
 from windmark.tasks.calibrate.stage import Stage, unnoticed
 
 EVERY = ("all",)
-"""In place of names: every picture has a focal length of its own."""
+"""In place of names: every picture has a focal length (a principal point) of its own."""
 
 
 @dataclass(frozen=True)
 class CalibrateSettings:
     """Options of `calibration.self_calibrate`; see there. No datum is for boards only: see `calibrate_dots`.
 
-    ``free_focal``: names of pictures, or `EVERY`. ``lens``: model of all cameras, `geometry.lens.LENSES`; None: that of
-    the start values, and where nothing is said of the free parameters either, the one that the marks speak for, see
-    `lens.with_lens`.
+    ``free_focal``, ``free_principal``: names of pictures, or `EVERY`.
+    ``lens``: model of all cameras, `geometry.lens.LENSES`; None: that of the start values, and where nothing is said of
+    the free parameters either, the one that the marks speak for, see `lens.with_lens`.
     """
 
     datum: Datum | None
@@ -38,6 +38,7 @@ class CalibrateSettings:
     distances: tuple[Distance, ...] = ()
     rig: bool = RIG.default
     free_focal: tuple[str, ...] = ()
+    free_principal: tuple[str, ...] = ()
     prior_sigma: dict[str, float] = field(default_factory=dict)
     eccentricity: str = ECCENTRICITY.default
     reject: bool = REJECT.default
@@ -108,11 +109,14 @@ def adjusted(marks: Marks, settings: CalibrateSettings, datum: Datum | None = No
     chosen = datum or settings.datum
     if chosen is None:
         raise UsageError("settings.datum: what fixes position, direction and size is never guessed; got None")
-    own_focal = [v.name for v in marks.views] if settings.free_focal == EVERY else settings.free_focal
+    own_focal, own_principal = (
+        [v.name for v in marks.views] if asked == EVERY else [n for n in asked if n in used or not datum]
+        for asked in (settings.free_focal, settings.free_principal)
+    )
     return self_calibrate(
         marks.observations, marks.markers, marks.cameras, marks.views, datum=chosen,
         free=settings.free, distances=_known(settings.distances, marks) if datum else settings.distances,
-        rig=settings.rig, free_focal=[n for n in own_focal if n in used] if datum else own_focal,
+        rig=settings.rig, free_focal=own_focal, free_principal=own_principal,
         prior_sigma=settings.prior_sigma, eccentricity=settings.eccentricity, ellipses=marks.ellipses,
         reject=settings.reject, max_sigma0=settings.max_sigma0, solver=settings.solver, seed=settings.seed,
     )  # fmt: skip
