@@ -167,6 +167,13 @@ def test_what_marks_follow_is_their_derivative_in_the_whole_covariance(name, mon
         out = np.empty((len(jd), 2, 2))
         of(jd, je, cols, block, np.ascontiguousarray(covariance.dense.T), cross, covariance.blocks, out)
         np.testing.assert_allclose(out, expected, atol=2e-5)
+    b, group = np.random.default_rng(3).normal(size=(len(jd), 2, 3)), np.arange(len(jd)) % 5 - 1
+    for of in (numpy_path.gather, linear.gather):
+        sums = np.zeros((problem.size, 4, 3))
+        of(jd, je, cols, block, b, group, sums[: problem.layout.dense], sums[problem.layout.dense :])
+        for g in range(4):
+            mine = group == g
+            np.testing.assert_allclose(sums[:, g], np.einsum("oip,oik->pk", j[mine], b[mine]), rtol=1e-5, atol=1e-4)
     trace = np.einsum("nii->", expected)
     assert trace == pytest.approx(problem.size - covariance.motions.shape[1], rel=1e-3)  # unknowns that marks determine
 

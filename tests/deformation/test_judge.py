@@ -270,6 +270,21 @@ def test_a_picture_of_another_moment_is_named_as_that_and_no_law_and_no_camera(w
         assert {d.cause for d in found.doubts} <= {"picture", "noise"}
 
 
+def test_a_picture_of_nearly_the_same_moment_is_named_by_the_marker_that_tells_it():
+    """Residuals are as large as stated, or not much larger: the state was 4 sigma off and nothing was said."""
+    shown = []
+    for k in range(6):
+        now, then = seen(), seen(q=0.98 * Q)
+        late = replace(now, xy=np.where((now.view == k % 2)[:, None], then.xy, now.xy))
+        found = identify(observed(late, np.random.default_rng([79, k])), MARKERS, PARTS, CAMERAS, VIEWS)
+        assert 0.9 < found.sigma0 < 1.2
+        (said,) = found.warnings
+        shown.append(re.fullmatch(r"v0 shows another state: m\d+ is ([\d.]+) ± ([\d.]+) mm from where the other "
+                                  "shows it: pictures of different moments", said))  # fmt: skip
+    assert all(shown)
+    assert min(float(s[1]) / float(s[2]) for s in shown) > 3
+
+
 def test_a_law_that_lacks_something_is_no_picture_of_another_moment():
     for k in range(4):
         found = identify(observed(seen(wall=k > 1), np.random.default_rng([35, k])), MARKERS, SIMPLE, CAMERAS, VIEWS)

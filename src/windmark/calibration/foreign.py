@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.calibration.hypotheses import CHECKED, gathered, refocused
+from windmark.calibration.changed_views import changes
+from windmark.calibration.hypotheses import CHECKED, gathered
 from windmark.calibration.result import Calibration
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
@@ -47,12 +48,9 @@ def most_foreign(solved: Solved) -> int:
         own = np.flatnonzero((views == view) & used)
         group = np.full(len(views), -1)
         group[own] = np.arange(len(own))
-        columns = []
-        for axis in range(2):
-            one = np.zeros((len(views), 2))
-            one[own, axis] = 1.0
-            columns.append(gathered(solved, one, group, len(own)))
-        a = np.concatenate(columns, axis=1)
+        one = np.zeros((len(views), 2, 2))
+        one[own] = np.eye(2)
+        a = np.concatenate(np.moveaxis(gathered(solved, one, group, len(own)), 2, 0), axis=1)
         value, axes = np.linalg.eigh(np.eye(2 * len(own)) - a.T @ solved.covariance.product(a))
         told = value > CHECKED
         along = axes[:, told].T @ residual[own].T.ravel()
@@ -62,7 +60,7 @@ def most_foreign(solved: Solved) -> int:
 
 def of_its_own(job: Job, solved: Solved, view: int) -> str:
     """By how much the focal length of a view is another one, as far as its marks ask for that, in words; "" for not."""
-    found = [r for r in refocused(job, solved).own if r.view == job.views[view].name]
+    found = [r for r in changes(job, solved)[0].own if r.view == job.views[view].name]
     return f" (by its focal length {100 * found[0].change[0]:+.2g} %: free_focal)" if found else ""
 
 

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust.network import NetworkState
 from windmark.adjust.network.linear import single_thread
+from windmark.calibration.changed_views import change_doubts
 from windmark.calibration.consistent import with_control
 from windmark.calibration.datum import Datum, Distance
 from windmark.calibration.eccentric import radii_off
 from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.foreign import contradicting, most_foreign, of_its_own, without
-from windmark.calibration.hypotheses import change_doubts
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part
 from windmark.calibration.solve import Solved

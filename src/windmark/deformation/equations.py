@@ -67,10 +67,20 @@ class Equations:
     def added(self, columns: Array) -> Added:
         """Unknowns with derivatives of the pixels (P, 2 V, m)."""
         b = (self._whitener @ columns).reshape(self.residual.size, -1)
-        cross = self.jacobian.T @ b
+        return self._added(b, self.jacobian, self.residual.ravel())
+
+    def laws_of(self, view: int) -> Added:
+        """Changes of the laws' parameters that one view alone sees."""
+        rows, laws = slice(2 * view, 2 * view + 2), len(self.solved.task.volumes.names)
+        own = self.jacobian.reshape(*self.residual.shape, -1)[:, rows].reshape(-1, self.jacobian.shape[1])
+        return self._added(own[:, :laws], own, self.residual[:, rows].ravel())  # the laws come first
+
+    def _added(self, b: Array, jacobian: Array, residual: Array) -> Added:
+        """Unknowns that move whitened residuals (R,) by ``b`` (R, m), with the derivatives of these (R, F)."""
+        cross = jacobian.T @ b
         follow = -self._cov @ cross
         size = np.sqrt((b**2).sum(axis=0))
-        return Added(b.T @ self.residual.ravel(), b.T @ b + cross.T @ follow, np.where(size > 0, size, 1.0), follow)
+        return Added(b.T @ residual, b.T @ b + cross.T @ follow, np.where(size > 0, size, 1.0), follow)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from windmark.deformation.equations import Equations
 from windmark.deformation.lost import lost
 from windmark.deformation.misfit import Misfit
 from windmark.deformation.moved import candidates, moved, price
-from windmark.deformation.own_state import MOMENTS, OwnState, two_moments
+from windmark.deformation.own_state import MOMENTS, OwnState, asked_for, two_moments
 from windmark.deformation.patterns import Pattern, pattern_of
 from windmark.deformation.result import NotIdentified
 from windmark.deformation.solve import Solved
@@ -57,12 +57,13 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
     beside, unchecked = unattached(solved)
     doubts, unknown = [*beside, *lost(solved)], tuple(unchecked)
     chi2, redundancy = solved.chi2, solved.redundancy
-    if redundancy < 1 or (chi2 <= redundancy and not doubts):
+    equations = Equations(solved) if redundancy >= 1 else None
+    # Residuals as small as stated may hide two pictures of different moments, and no more than these.
+    if equations is None or (chi2 <= redundancy and not doubts and asked_for(equations) is None):
         return solved, Verdict(doubts=tuple(doubts), unchecked=unknown)
-    equations = Equations(solved)
     pattern = pattern_of(equations) if chi2 > redundancy else None
     best = price(solved, pattern)
-    apart = two_moments(solved, best) if pattern is not None else None
+    apart = two_moments(equations, best, pattern is not None)
     views = {v.name for v in solved.task.views}
     suspect = tuple(n for d in doubts for n in d.names if n in views)
     if free_moved and (pattern is not None or suspect or chdtrc(redundancy, chi2) < WORTH):
@@ -74,7 +75,9 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
             return healed, Verdict(doubts=(doubt, *lost(healed)), unchecked=unknown)
     if pattern is not None:
         chi2, redundancy = chi2 - pattern.test, redundancy - pattern.rank
-        doubts += _lacking(solved, pattern) if apart is None else _of_two_moments(solved, apart, doubts)
+        doubts += _lacking(solved, pattern) if apart is None else []
+    if apart is not None:
+        doubts += _of_two_moments(solved, apart, doubts)
     scale = 1.0
     if chdtrc(redundancy, chi2) < FALSE:
         scale = chi2 / redundancy

@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from windmark.adjust import chance
+from windmark.deformation.equations import Equations
+from windmark.deformation.misfit import length_unit
 from windmark.deformation.moved import price
 from windmark.deformation.result import NotIdentified
 from windmark.deformation.setup import Task
 from windmark.deformation.sighting import LAW, camera_block, pose_block
 from windmark.deformation.solve import Solved, solve
-from windmark.errors import g3
+from windmark.errors import g1, g2, g3
 from windmark.geometry import DegenerateGeometry
 from windmark.scene import Observations
 
@@ -31,7 +34,7 @@ class OwnState:
     Parameters
     ----------
     view : its number
-    words : which parameter of the laws is what by it alone, and what by the others
+    words : which parameter of the laws is what by it alone, and what by the others; or which marker is elsewhere
     price : what both together leave and cost, see `moved.price`
     """
 
@@ -40,15 +43,52 @@ class OwnState:
     price: float
 
 
-def two_moments(solved: Solved, best: float) -> OwnState | None:
-    """The view with a state of its own that explains the residuals better than what costs ``best``; None without one.
+def asked_for(equations: Equations) -> OwnState | None:
+    """The view whose residuals ask most for a state of the laws of its own, the rigid motion being that of all."""
+    solved, best = equations.solved, None
+    laws, views = np.arange(len(solved.task.volumes.names)), _each(solved.task)
+    for v in views if len(laws) else ():
+        test, rank, change, cov = equations.laws_of(v).fitted(laws)
+        if chance(test, rank, solved.chi2, solved.redundancy) < FALSE / len(views):
+            cost = price(solved) - test + np.log(2 * len(solved.used)) * rank
+            if best is None or cost < best.price:
+                best = OwnState(v, _apart(solved, change, cov), cost)
+    return best
 
-    Of two views the first: either may be the one of another moment.
+
+def _apart(solved: Solved, change: NDArray[np.float64], cov: NDArray[np.float64]) -> str:
+    """Which marker is most surely elsewhere where the laws' parameters differ by ``change`` (n,), in words."""
+    task = solved.task
+    by_laws = task.placed.linearise(solved.values[LAW])[1]
+    move, spread = by_laws @ change, by_laws @ cov @ by_laws.transpose(0, 2, 1)
+    size = np.linalg.norm(move, axis=1)
+    along = move / np.maximum(size, 1e-300)[:, None]
+    sigma = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", along, spread, along), 0.0))
+    k = int(np.argmax(size / np.where(sigma > 0, sigma, np.inf)))
+    far = f"{g2(size[k])} ± {g1(sigma[k])} {length_unit(task.volumes)}".rstrip()
+    others = "the other shows" if len(task.views) == 2 else "the others show"
+    words = f"{task.markers.name[k]} is {far} from where {others} it{MOMENTS}"
+    return words.replace("{", "{{").replace("}", "}}")
+
+
+def _each(task: Task) -> range:
+    """The views that may be the one: of one none, of two the first, for either may be."""
+    count = len(task.views)
+    return range(count - 1 if count <= 2 else count)
+
+
+def two_moments(equations: Equations, best: float, patterned: bool) -> OwnState | None:
+    """The view whose own state explains the residuals better than what costs ``best``; None without one.
+
+    ``patterned``: whether neighbouring residuals agree. Without, it is looked for where a view asks for it, which then
+    counts even where the own state, with a rigid motion of its own, costs more than it explains.
     """
-    views = range(1 if len(solved.task.views) == 2 else len(solved.task.views))
-    found = [state for view in views if (state := own_state(solved, view)) is not None]
+    solved, asked = equations.solved, None if patterned else asked_for(equations)
+    if not patterned and asked is None:
+        return None
+    found = [state for view in _each(solved.task) if (state := own_state(solved, view)) is not None]
     likely = min(found, key=lambda state: state.price, default=None)
-    return likely if likely is not None and likely.price - 2 * np.log(FALSE) < best else None
+    return likely if likely is not None and likely.price - 2 * np.log(FALSE) < best else asked
 
 
 def own_state(solved: Solved, view: int) -> OwnState | None:

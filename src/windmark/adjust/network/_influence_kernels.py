@@ -1,4 +1,4 @@
-"""How far an adjustment follows each of its observations, as a numba kernel. Private to the adjust room."""
+"""How far an adjustment follows its observations, as numba kernels. Private to the adjust room."""
 
 from __future__ import annotations
 
@@ -56,3 +56,25 @@ def influences(
                 s01 += w0 * c * je[o, 1, b]
                 s11 += w1 * c * je[o, 1, b]
         out[o, 0, 0], out[o, 0, 1], out[o, 1, 0], out[o, 1, 1] = s00, s01, s01, s11
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def gather(
+    jd: Array, je: Array, cols: Ints, block: Ints, b: Array, group: Ints, dense: Array, eliminated: Array
+) -> None:
+    """Add J^T b of groups of observations, from the rows of `jacobian_rows` and b (O, 2, K); group -1: of none.
+
+    To ``dense`` (D, G, K) and ``eliminated`` (E b, G, K).
+    """
+    size = je.shape[2]
+    for o in range(jd.shape[0]):
+        g, first = group[o], block[o] * size
+        if g < 0:
+            continue
+        for n in range(b.shape[2]):
+            u, v = b[o, 0, n], b[o, 1, n]
+            for k in range(cols.shape[1]):
+                if cols[o, k] >= 0:
+                    dense[cols[o, k], g, n] += jd[o, 0, k] * u + jd[o, 1, k] * v
+            for k in range(size if first >= 0 else 0):
+                eliminated[first + k, g, n] += je[o, 0, k] * u + je[o, 1, k] * v

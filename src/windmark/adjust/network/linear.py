@@ -10,13 +10,20 @@ from typing import Any
 from numba.core import config
 
 if config.DISABLE_JIT:
-    from windmark.adjust.network.numpy_path import accumulate, factor_blocks, influences, jacobian_rows, residuals
+    from windmark.adjust.network.numpy_path import (
+        accumulate,
+        factor_blocks,
+        gather,
+        influences,
+        jacobian_rows,
+        residuals,
+    )
 else:
     from windmark.adjust.network._block_kernels import factor_blocks
-    from windmark.adjust.network._influence_kernels import influences
+    from windmark.adjust.network._influence_kernels import gather, influences
     from windmark.adjust.network._kernels import accumulate, jacobian_rows, residuals
 
-__all__ = ["accumulate", "factor_blocks", "influences", "jacobian_rows", "residuals", "single_thread"]
+__all__ = ["accumulate", "factor_blocks", "gather", "influences", "jacobian_rows", "residuals", "single_thread"]
 
 MANY = 1500
 """Dense parameters from which more than one BLAS thread is worth its start."""

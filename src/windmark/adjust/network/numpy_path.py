@@ -121,6 +121,17 @@ def influences(
             out[part] += np.where((b >= 0)[:, None, None], both, 0.0)
 
 
+def gather(
+    jd: Array, je: Array, cols: Ints, block: Ints, b: Array, group: Ints, dense: Array, eliminated: Array
+) -> None:
+    """See `_influence_kernels.gather`."""
+    size = je.shape[2]
+    row = np.where(block[:, None] >= 0, block[:, None] * size + np.arange(size), -1)
+    for j, to, out in ((jd, cols, dense), (je, row, eliminated)):
+        o, k = np.nonzero((to >= 0) & (group >= 0)[:, None])
+        np.add.at(out, (to[o, k], group[o]), np.einsum("mi,min->mn", j[o, :, k], b[o]))
+
+
 def factor_blocks(h_ee: Array, floor: Array, damping: float, w: Array, y: Array) -> bool:
     """See `_kernels.factor_blocks`."""
     blocks, size = h_ee.shape[:2]

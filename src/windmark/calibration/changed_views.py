@@ -1,0 +1,272 @@
+"""Pictures whose focal length or principal point is not that of the others: focused anew, cut, a loose lens.
+
+The hypotheses of `hypotheses`: each view has a change of its own, one at a time, or all together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from windmark.adjust.network.datum import in_datum
+from windmark.adjust.terms import whitener
+from windmark.calibration.agreement import FALSE
+from windmark.calibration.hypotheses import CHECKED, chance_beside, gathered
+from windmark.calibration.setup import Job
+from windmark.calibration.solve import Solved
+from windmark.errors import g1, g2
+from windmark.geometry import PARAMETERS
+from windmark.scene import Doubt
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ANEW, NOTICED, MATTERS = 0.003, 0.8, 3.0
+"""A relative change of the focal length, as a consumer's camera makes it where it focuses anew; the probability with
+which the test of a view finds it, or else it goes unnoticed; sigmas by which it must move the camera's to be said."""
+NAMED = 5
+"""Pictures that are named at most."""
+
+
+@dataclass(frozen=True)
+class Otherwise:
+    """A view whose focal length (K = 1, relative) or principal point (K = 2, px) is another one.
+
+    Parameters
+    ----------
+    view : its name
+    change, sigma : (K,) and 1 sigma
+    """
+
+    view: str
+    change: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
+class Unnoticed:
+    """What a change by `ANEW` (of the focal length) in one view, where it would mostly not be seen, does.
+
+    Parameters
+    ----------
+    off : to the camera's focal length (px), or to the marker that it moves most
+    sigmas : in units of its stated one
+    """
+
+    off: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the marks say of the focal lengths, or of the principal points, of the views that share their camera's.
+
+    Parameters
+    ----------
+    own : views that ask for one of their own, the surest first
+    together : root mean square change of all, where they together ask for it though perhaps none alone does; else 0
+    lead : by how much the sum of squares would fall with all of them, less what as many idle unknowns are worth (BIC)
+    worst : the most that a change in one view would do unnoticed, where it matters
+    """
+
+    own: tuple[Otherwise, ...] = ()
+    together: float = 0.0
+    lead: float = 0.0
+    worst: Unnoticed | None = None
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Of the changes of V views, each in focal length (relative) and principal point (px, 2).
+
+    Parameters
+    ----------
+    views : (V,) their numbers
+    free : (V, 3) which of the changes are unknowns of the network already
+    power, score : (V, 3, 3), (V, 3) b^T b and b^T r, with b by what a change moves the view's marks
+    cross, through : (D + E b, V, 3) J^T b, and C times that: how the network's unknowns go along
+    every : (V, 3, V, 3) b^T Q b: what these leave over of all changes together
+    """
+
+    views: Ints
+    free: NDArray[np.bool_]
+    power: Array
+    score: Array
+    cross: Array
+    through: Array
+    every: Array
+
+
+def changes(job: Job, solved: Solved) -> tuple[Asked, Asked]:
+    """Whether views ask for a focal length, and for a principal point, of their own (Baarda 1968)."""
+    equations = _equations(solved)
+    if not len(equations.views):
+        return Asked(), Asked()
+    by_itself = set(job.free_focal) >= {v.name for v in job.views}
+    focal, principal = np.arange(1), np.arange(1, 3)
+    return _asked(job, solved, equations, focal, False), _asked(job, solved, equations, principal, by_itself)
+
+
+def _equations(solved: Solved) -> _Equations:
+    problem, state, order = solved.problem, solved.state, solved.problem.order
+    marks, used, r = problem.marks, solved.used[order], solved.residual[order]
+    center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.scene(state).view_camera[marks.views]]
+    if state.change is not None:
+        center = center + state.change[marks.views, 1:]
+    white = whitener(problem.network.cov, len(order))[order]
+    # The residual is white (seen - xy + shift): what the view's focal length moves is white (seen - center).
+    by_focal = r + (white @ (marks.xy - marks.shift - center)[..., None])[..., 0]
+    b = np.where(used[:, None, None], np.concatenate([by_focal[..., None], white], axis=2), 0.0)
+    views = np.unique(marks.views[used])
+    n, at = np.arange(len(views)), np.full(len(marks.starts) - 1, -1)
+    at[views] = n
+    cross = gathered(solved, b, at[marks.views], len(views))
+    through = solved.covariance.product(cross.reshape(len(cross), -1)).reshape(cross.shape)
+    every = -(cross.reshape(len(cross), -1).T @ through.reshape(len(cross), -1)).reshape(len(views), 3, len(views), 3)
+    first = marks.starts[views]
+    power = np.add.reduceat(np.einsum("oik,oil->okl", b, b), first) if len(views) else np.zeros((0, 3, 3))
+    score = np.add.reduceat(np.einsum("oik,oi->ok", b, r), first) if len(views) else np.zeros((0, 3))
+    every[n, :, n] += power
+    return _Equations(views, problem.layout.columns.change[views] >= 0, power, score, cross, through, every)
+
+
+def _asked(job: Job, solved: Solved, equations: _Equations, what: Ints, by_itself: bool) -> Asked:
+    """Whether views ask for ``what`` of their own; ``by_itself``: whether all have a focal length of their own."""
+    of = np.flatnonzero(~equations.free[:, what].any(axis=1))
+    views, kinds = equations.views[of], len(what)
+    if not len(views):
+        return Asked()
+    n, each = np.arange(len(views)), np.ix_(of, what, of, what)
+    blocks, score = equations.every[each], equations.score[np.ix_(of, what)]
+    size = np.sqrt(np.diagonal(equations.power, axis1=1, axis2=2)[np.ix_(of, what)])
+    own = _own([job.views[v].name for v in views], solved, blocks[n, :, n], size, score)
+    size, every = size.ravel(), blocks.reshape(len(views) * kinds, -1)
+    value, vector = np.linalg.eigh(every / np.outer(size, size))
+    told = value > CHECKED
+    change = (vector[:, told].T @ (score.ravel() / size)) / value[told]
+    test, count = float((change**2 * value[told]).sum()), int(told.sum())
+    together = chance_beside(test, count, solved) < FALSE
+    rms = np.sqrt(kinds * (((vector[:, told] @ change) / size) ** 2).mean()) if together else 0.0
+    lead = test / solved.scale - count * np.log(2 * solved.used.sum())
+    worst = None
+    if what[0] == 0:
+        worst = _worst(solved, views, blocks[n, 0, n, 0], equations.through[:, of, 0])
+    elif by_itself:
+        cross = equations.cross[:, of][:, :, what].reshape(len(equations.cross), -1)
+        worst = _worst_shifts(solved, every, count, cross)
+    return Asked(own, float(rms), float(lead), worst)
+
+
+def _own(names: list[str], solved: Solved, blocks: Array, size: Array, score: Array) -> tuple[Otherwise, ...]:
+    """Views that alone ask for a change, from their (V, K, K), the size of b (V, K), and their score (V, K)."""
+    scale = size[:, :, None] * size[:, None, :]
+    value, axes = np.linalg.eigh(blocks / scale)
+    told = value[:, 0] > CHECKED
+    inverse = (axes / np.where(told[:, None], value, 1.0)[:, None, :]) @ axes.transpose(0, 2, 1) / scale
+    change = -(inverse @ score[..., None])[..., 0]
+    test = np.where(told, -(change * score).sum(axis=1), 0.0)
+    found = []
+    for n in np.argsort(-test, kind="stable").tolist():
+        if not chance_beside(float(test[n]), size.shape[1], solved) < FALSE / len(names):
+            break
+        sigma = np.sqrt(solved.scale * np.diagonal(inverse[n]))
+        found.append(Otherwise(names[n], change[n], sigma))
+    return tuple(found)
+
+
+def _worst(solved: Solved, views: NDArray[np.int64], left: Array, moved: Array) -> Unnoticed | None:
+    """What the view does that may be focused anew unnoticed and moves its camera's focal length most, if it matters.
+
+    ``left`` (V,) and ``moved`` (D + E b, V) of the ``views``: what the network's unknowns leave over of a change of
+    each one's focal length, and how they move with it (external reliability).
+    """
+    smallest = (norm.isf(FALSE / (2 * len(views))) + norm.isf(1 - NOTICED)) * np.sqrt(
+        solved.scale / np.maximum(left, np.finfo(float).tiny)
+    )
+    problem = solved.problem
+    camera = problem.scene(solved.state).view_camera[views]
+    column = problem.layout.columns.camera[camera, PARAMETERS.index("focal_px")]
+    sigma = np.sqrt(solved.scale * np.diagonal(solved.covariance.dense)[np.maximum(column, 0)])
+    change = ANEW * np.abs(moved[np.maximum(column, 0), np.arange(len(views))])
+    ratio = np.where((column >= 0) & (smallest > ANEW) & (sigma > 0), change / np.where(sigma > 0, sigma, 1.0), 0.0)
+    n = int(np.argmax(ratio))
+    if not ratio[n] > MATTERS:
+        return None
+    unit = float(problem.units(solved.state).camera[camera[n], PARAMETERS.index("focal_px")])
+    return Unnoticed(float(change[n]) * unit, float(ratio[n]))
+
+
+def _worst_shifts(solved: Solved, every: Array, count: int, cross: Array) -> Unnoticed | None:
+    """What principal points do that are by chance `ANEW` off in every view, to the marker that they move most.
+
+    ``every`` (V K, V K), of rank ``count``, and ``cross`` (D + E b, V K): what the network's unknowns leave over of the
+    shifts, and these in its equations. None where the test of all together would mostly find them. The markers hold the
+    datum; "off" is what chance exceeds once in twenty.
+    """
+    size, lay = ANEW * max(c.focal_px for c in solved.state.cameras), solved.problem.layout
+    beyond = size**2 * float(np.trace(every)) / solved.scale
+    middle, spread = count + beyond, np.sqrt(2 * (count + 2 * beyond))
+    if middle + norm.isf(NOTICED) * spread > chi2.isf(FALSE, count) or not lay.points_eliminated:
+        return None
+    datum, block = in_datum(solved.covariance), lay.columns.point_block
+    sigma = np.sqrt(solved.scale * np.diagonal(datum.points(), axis1=1, axis2=2))[block >= 0]
+    moved = datum.through(cross)[lay.dense :].reshape(lay.blocks, 3, -1)[block[block >= 0]]
+    change = norm.isf(0.025) * size * lay.unit * np.sqrt((moved**2).sum(axis=2))
+    ratio = change / np.where(sigma > 0, sigma, np.inf)
+    at = np.unravel_index(int(ratio.argmax()), ratio.shape)
+    return Unnoticed(float(change[at]), float(ratio[at])) if ratio[at] > MATTERS else None
+
+
+def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
+    """What is said of pictures whose focal length or principal point is not that of the others, or may not be.
+
+    A change of one looks like some of the other: what explains more is named.
+    """
+    focal, principal = changes(job, solved)
+    if (principal.own or principal.together) and not ((focal.own or focal.together) and focal.lead >= principal.lead):
+        return (_said(principal, "principal point", "principal", _pixels),)
+    if focal.own or focal.together:
+        return (_said(focal, "focal length", "focal", _percent),)
+    if focal.worst is not None:
+        off = f"{g2(focal.worst.off)} px, {g2(focal.worst.sigmas)} of its sigmas"
+        words = (
+            f"nothing checks that the pictures have one focus: a focal length {100 * ANEW:g} % off in one of them "
+            f"alone would mostly go unnoticed, and the camera's be off by {off}"
+        )
+        return (Doubt((), words, "focus"),)
+    if principal.worst is not None:
+        size = ANEW * max(c.focal_px for c in solved.state.cameras)
+        length = f"{g2(principal.worst.off)} {job.markers.length_unit}".rstrip()
+        off = f"{length}, {g2(principal.worst.sigmas)} of its sigmas"
+        words = (
+            "nothing checks that the pictures, which all have a focus of their own, have one principal point: "
+            f"{size:.0f} px (1 sigma) would mostly go unnoticed, and a marker be off by up to {off}"
+        )
+        return (Doubt((), words, "focus"),)
+    return ()
+
+
+def _said(asked: Asked, thing: str, key: str, number: Callable[[Otherwise], str]) -> Doubt:
+    """What is asked for, in words."""
+    if not asked.own:
+        size = f"{g2(100 * asked.together)} %" if key == "focal" else f"{g2(asked.together)} px"
+        return Doubt((), f"{thing}s of the pictures differ by {size} (rms): free_{key}", key)
+    worst = asked.own[:NAMED]
+    listed = ", ".join(f"{{}} ({number(found)})" for found in worst)
+    more = f" and {len(asked.own) - NAMED} more" if len(asked.own) > NAMED else ""
+    words = f"{thing} not that of the other pictures (free_{key}): {listed}{more}"
+    return Doubt(tuple(found.view for found in worst), words, key)
+
+
+def _percent(found: Otherwise) -> str:
+    return f"{100 * found.change[0]:+.2g} +- {g1(100 * found.sigma[0])} %"
+
+
+def _pixels(found: Otherwise) -> str:
+    return ", ".join(f"{c:+.2g} +- {g1(s)}" for c, s in zip(found.change, found.sigma, strict=True)) + " px"
+
+
