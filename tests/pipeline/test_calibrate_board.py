@@ -118,7 +118,7 @@ def test_a_rig_and_its_board_from_marked_pictures(session):
 
 def test_the_marked_dot_is_the_origin(session):
     rng = np.random.default_rng(32)
-    xyz = printed(rng)
+    xyz = np.column_stack([cells() * PITCH, np.zeros(COLUMNS * ROWS)])  # a print without a flaw
     pictures = {f"p{k}": look(rng, xyz, CAMERAS["left"], pose) for k, pose in enumerate(poses(rng, 6))}
     spots, _ = pictures["p5"]
     pictures["p5"] = spots, Detections.make(np.zeros((0, 2)))  # the rings did not show
@@ -194,3 +194,62 @@ def test_frontal_pictures_of_a_board_do_not_tell_the_focal_length(session):
 def test_wrong_boards_are_named(options, words):
     with pytest.raises(ValueError, match=words):
         Board(**options)
+
+
+def hidden_marks(rng, pose_list, xyz, lost):
+    """Pictures in the first ``lost`` of which one hole is hidden; and which dot each spot is, -1 for none."""
+    pictures, dots = {}, {}
+    for k, pose in enumerate(pose_list):
+        spots, holes = look(rng, xyz, CAMERAS["left"], pose)
+        away = np.linalg.norm(spots.xy[:, None] - CAMERAS["left"].project(pose.apply(xyz))[0], axis=2)
+        name = f"p{k}"
+        dots[name] = np.where(away.min(axis=1) < 1.0, away.argmin(axis=1), -1)
+        pictures[name] = (spots, Detections.make(holes.xy[1:] if k < lost else holes.xy, sigma_px=0.1))
+    return pictures, dots
+
+
+def right_part(picture, dots):
+    """Part of a picture's dots that have their own column and row."""
+    own = dots[picture.name][picture.board.spot]
+    index = np.stack([picture.board.column, picture.board.row], axis=1)
+    return (index[own >= 0] == cells()[own[own >= 0]]).all(axis=1).mean()
+
+
+@pytest.mark.parametrize("size", [(None, None), (COLUMNS, ROWS)])
+def test_where_a_mark_is_hidden_the_print_tells_how_the_board_lies(session, size):
+    rng = np.random.default_rng(4)
+    pictures, dots = hidden_marks(rng, poses(rng, 10), printed(rng), 4)
+    done, out = session(pictures, Board(PITCH, RINGS, "holes", *size), cameras={"camera": CAMERAS["left"]})
+    assert done
+    assert 0.85 < done.result.sigma0 < 1.15
+    assert [p.problem for p in out] == [""] * 10
+    assert [p.round for p in out] == [2] * 4 + [1] * 6
+    assert min(right_part(p, dots) for p in out) > 0.98
+
+
+def test_a_board_without_a_flaw_does_not_tell_how_it_lies(session):
+    rng = np.random.default_rng(5)
+    nominal = np.column_stack([cells() * PITCH, np.zeros(COLUMNS * ROWS)])
+    pictures, _ = hidden_marks(rng, poses(rng, 9), nominal, 3)
+    done, out = session(pictures, Board(PITCH, RINGS, "holes", COLUMNS, ROWS), cameras={"camera": CAMERAS["left"]})
+    assert done
+    assert all("the marked dots were not found" in p.problem for p in out[:3])
+    assert [p.problem for p in out[3:]] == [""] * 6
+
+
+def test_a_false_mark_that_turns_the_board_is_found_by_the_print(session):
+    """A hole is hidden, and a false one stands where the board turned by 180 degrees would have it."""
+    rng = np.random.default_rng(6)
+    xyz, views = printed(rng), poses(rng, 9)
+    pictures, dots = hidden_marks(rng, views, xyz, 0)
+    at = {tuple(c): n for n, c in enumerate(cells().tolist())}
+    third = at[11 - 3, 8 - 1]  # the third mark, (3, 1), where the board is turned; (3, 4) and (8, 4) change places
+    spots, holes = pictures["p0"]
+    xy = CAMERAS["left"].project(views[0].apply(xyz))[0]
+    hidden = np.linalg.norm(holes.xy - xy[at[3, 1]], axis=1) < 2.0
+    assert hidden.sum() == 1
+    pictures["p0"] = spots, Detections.make(np.concatenate([holes.xy[~hidden], xy[[third]]]), sigma_px=0.1)
+    done, out = session(pictures, Board(PITCH, RINGS, "holes", COLUMNS, ROWS), cameras={"camera": CAMERAS["left"]})
+    assert done
+    assert right_part(out[0], dots) > 0.98
+    assert 0.85 < done.result.sigma0 < 1.15

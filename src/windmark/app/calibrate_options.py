@@ -15,7 +15,7 @@ from windmark.calibration.setup import FOCUS, PRINCIPAL
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera
 from windmark.pipeline.calibrate import Board
-from windmark.tasks.calibrate.board import MARK_KINDS
+from windmark.tasks.calibrate.board_picture import MARK_KINDS
 
 TABLES = (".csv", ".txt")
 """Matches, not pictures."""

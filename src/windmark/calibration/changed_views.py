@@ -28,6 +28,8 @@ Ints = NDArray[np.int64]
 ANEW, NOTICED, MATTERS = 0.003, 0.8, 3.0
 """A relative change of the focal length, as a consumer's camera makes it where it focuses anew; the probability with
 which the test of a view finds it, or else it goes unnoticed; sigmas by which it must move the camera's to be said."""
+UNLIKELY = FALSE / 2
+"""Probability of a change where there is none, of either kind."""
 NAMED = 5
 """Pictures that are named at most."""
 
@@ -149,7 +151,7 @@ def _asked(job: Job, solved: Solved, equations: _Equations, what: Ints, by_itsel
     told = value > CHECKED
     change = (vector[:, told].T @ (score.ravel() / size)) / value[told]
     test, count = float((change**2 * value[told]).sum()), int(told.sum())
-    together = chance_beside(test, count, solved) < FALSE
+    together = chance_beside(test, count, solved) < UNLIKELY
     rms = np.sqrt(kinds * (((vector[:, told] @ change) / size) ** 2).mean()) if together else 0.0
     lead = test / solved.scale - count * np.log(2 * solved.used.sum())
     worst = None
@@ -171,7 +173,7 @@ def _own(names: list[str], solved: Solved, blocks: Array, size: Array, score: Ar
     test = np.where(told, -(change * score).sum(axis=1), 0.0)
     found = []
     for n in np.argsort(-test, kind="stable").tolist():
-        if not chance_beside(float(test[n]), size.shape[1], solved) < FALSE / len(names):
+        if not chance_beside(float(test[n]), size.shape[1], solved) < UNLIKELY / len(names):
             break
         sigma = np.sqrt(solved.scale * np.diagonal(inverse[n]))
         found.append(Otherwise(names[n], change[n], sigma))
@@ -184,7 +186,7 @@ def _worst(solved: Solved, views: NDArray[np.int64], left: Array, moved: Array) 
     ``left`` (V,) and ``moved`` (D + E b, V) of the ``views``: what the network's unknowns leave over of a change of
     each one's focal length, and how they move with it (external reliability).
     """
-    smallest = (norm.isf(FALSE / (2 * len(views))) + norm.isf(1 - NOTICED)) * np.sqrt(
+    smallest = (norm.isf(UNLIKELY / (2 * len(views))) + norm.isf(1 - NOTICED)) * np.sqrt(
         solved.scale / np.maximum(left, np.finfo(float).tiny)
     )
     problem = solved.problem
@@ -210,7 +212,7 @@ def _worst_shifts(solved: Solved, every: Array, count: int, cross: Array) -> Unn
     size, lay = ANEW * max(c.focal_px for c in solved.state.cameras), solved.problem.layout
     beyond = size**2 * float(np.trace(every)) / solved.scale
     middle, spread = count + beyond, np.sqrt(2 * (count + 2 * beyond))
-    if middle + norm.isf(NOTICED) * spread > chi2.isf(FALSE, count) or not lay.points_eliminated:
+    if middle + norm.isf(NOTICED) * spread > chi2.isf(UNLIKELY, count) or not lay.points_eliminated:
         return None
     datum, block = in_datum(solved.covariance), lay.columns.point_block
     sigma = np.sqrt(solved.scale * np.diagonal(datum.points(), axis1=1, axis2=2))[block >= 0]

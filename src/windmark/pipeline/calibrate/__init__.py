@@ -5,7 +5,7 @@ from windmark.pipeline.calibrate.from_pictures import calibrate_pictures
 from windmark.pipeline.calibrate.outputs import read_known, record, write_calibration
 from windmark.pipeline.calibrate.read import MatchOptions
 from windmark.pipeline.calibrate.table import from_table
-from windmark.tasks.calibrate.board import Board, BoardPicture
+from windmark.tasks.calibrate.board_picture import Board, BoardPicture
 from windmark.tasks.calibrate.marks import Marks, Taken, taken_by
 from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.calibrate.pictures import MatchedPicture

@@ -8,7 +8,7 @@ can be used.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,77 +20,19 @@ from windmark.calibration.datum import Datum
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import Detections, MarkerSet, Observations, View
+from windmark.tasks.calibrate.board_picture import Board, BoardPicture
+from windmark.tasks.calibrate.board_turned import placed_by_print
 from windmark.tasks.calibrate.lens import in_lens, with_lens
 from windmark.tasks.calibrate.marks import Marks, with_focal, with_sigma
-from windmark.tasks.calibrate.picture import Picture, excess_px
+from windmark.tasks.calibrate.picture import excess_px
 from windmark.tasks.calibrate.run import Calibrated, CalibrateSettings, adjusted, calibrate_marks, explained
 from windmark.tasks.calibrate.stage import Stage, unnoticed
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MARK_KINDS = ("holes", "large", "small")
 NEIGHBOURS = 9
 """Dots round one, with itself, that tell the scale of the picture there."""
-
-
-@dataclass(frozen=True)
-class Board:
-    """A regular board of dots.
-
-    Parameters
-    ----------
-    pitch : from column to column, in the length unit
-    marks : (column, row) of dots that are not like the others; rows count downwards where columns count to the right
-    mark_kind : how they show: "holes" in ring dots, or "large" or "small" dots
-    columns, rows : of the whole board, if known; of a staggered one in half pitches
-    layout, aspect : see `calibration.find_board`
-    length_unit : of the pitch: in, ft, mm, cm or m; "" where nobody says it
-    """
-
-    pitch: float
-    marks: tuple[tuple[int, int], ...] = ()
-    mark_kind: str = "holes"
-    columns: int | None = None
-    rows: int | None = None
-    layout: str = "square"
-    aspect: float = 1.0
-    length_unit: str = ""
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.pitch) and self.pitch > 0):
-            raise UsageError(f"board: pitch must be positive, got {self.pitch!r}")
-        if self.mark_kind not in MARK_KINDS:
-            raise UsageError(f"board: mark_kind must be one of {', '.join(MARK_KINDS)}, got {self.mark_kind!r}")
-
-
-@dataclass(frozen=True)
-class BoardPicture(Picture):
-    """A picture of a board: its spots, the holes of ring dots, and which spot is which dot.
-
-    Parameters
-    ----------
-    holes : spots of the other polarity, None where none are looked for
-    board : what was found, None if there is no board
-    """
-
-    holes: Detections | None = None
-    board: BoardView | None = None
-
-    @property
-    def count(self) -> int:
-        """Dots, if the picture takes part."""
-        return 0 if self.board is None or self.problem else len(self.board)
-
-    @property
-    def rms_px(self) -> float | None:
-        """Of the dots' distances from where their neighbours predict them."""
-        return None if self.board is None else float(np.sqrt((self.board.residual_px**2).mean()))
-
-    @property
-    def log10_nfa(self) -> float | None:
-        """Of the lattice."""
-        return None if self.board is None else self.board.log10_nfa
 
 
 def calibrate_dots(
@@ -150,6 +92,10 @@ def calibrate_dots(
     if not isinstance(first, Calibration):
         return explained(first, marks), tuple(pictures)
     excess = excess_px(first, 0.0)
+    if apart:
+        with stage("marks that are hidden"):
+            pictures = placed_by_print(pictures, board, first, excess)
+        marks = _marks(pictures, board, marks.cameras)
     obs = marks.observations
     marks = replace(marks, observations=replace(obs, cov=obs.cov + excess**2 * np.eye(2)))
     done = calibrate_marks(marks, settings, stage, lenses)

@@ -63,3 +63,10 @@ def excess_px(result: Calibration, before: float) -> float:
     seen = float(np.median((result.residuals[result.used] ** 2).sum(axis=1)) / (2 * np.log(2.0)))
     noise = float(np.median(np.trace(result.observations.cov, axis1=1, axis2=2)) / 2) - before**2
     return float(np.sqrt(max(seen - noise, 0.0)))
+
+
+def lost_most(calibration: Calibration) -> list[str]:
+    """Views more than half of whose marks were left out."""
+    view = calibration.observations.view
+    every, lost = (np.bincount(v, minlength=len(calibration.views)) for v in (view, view[~calibration.used]))
+    return [calibration.views[int(v)].name for v in np.flatnonzero(2 * lost > every)]

@@ -26,7 +26,7 @@ from windmark.scene import Detections, Doubt, MarkerSet, Observations, View
 from windmark.tasks.calibrate.beside import beside_their_place
 from windmark.tasks.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, with_lens
 from windmark.tasks.calibrate.marks import Marks, with_sigma
-from windmark.tasks.calibrate.picture import Picture, excess_px
+from windmark.tasks.calibrate.picture import Picture, excess_px, lost_most
 from windmark.tasks.calibrate.run import (
     EVERY,
     Calibrated,
@@ -211,7 +211,7 @@ def _in_rounds(
         found = {**found, **{k: replace(c, cov=None) for k, c in calibration.cameras.items()}}
         known, how, excess, done = _refined(markers, calibration), {}, excess_px(calibration, excess), matched
         # A picture that lost all of its marks is not suspect but gone.
-        doubtful = {*_lost_most(calibration), *calibration.dropped} & {p.name for p in pictures if p.count}
+        doubtful = {*lost_most(calibration), *calibration.dropped} & {p.name for p in pictures if p.count}
     pictures = [
         _without_labels(p, known, found[p.camera], how_to_match, excess) if p.name in doubtful else p for p in pictures
     ]
@@ -220,13 +220,6 @@ def _in_rounds(
         marks, lenses = with_lens(marks, settings, given, focal_known=True)
     outcome = calibrate_marks(marks, settings, stage, lenses)
     return outcome, tuple(replace(p, excess_px=excess) for p in pictures)
-
-
-def _lost_most(calibration: Calibration) -> list[str]:
-    """Views more than half of whose marks were left out."""
-    view = calibration.observations.view
-    every, lost = (np.bincount(v, minlength=len(calibration.views)) for v in (view, view[~calibration.used]))
-    return [calibration.views[int(v)].name for v in np.flatnonzero(2 * lost > every)]
 
 
 def _without_labels(
