@@ -5,15 +5,14 @@ The hypotheses of `hypotheses`: each view has a change of its own, one at a time
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 from scipy.stats import chi2, norm
 
 from windmark.adjust.network.datum import in_datum
-from windmark.adjust.terms import whitener
 from windmark.calibration.agreement import FALSE
 from windmark.calibration.hypotheses import CHECKED, chance_beside, gathered
 from windmark.calibration.setup import Job
@@ -116,10 +115,11 @@ def changes(job: Job, solved: Solved) -> tuple[Asked, Asked]:
 def _equations(solved: Solved) -> _Equations:
     problem, state, order = solved.problem, solved.state, solved.problem.order
     marks, used, r = problem.marks, solved.used[order], solved.residual[order]
-    center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.scene(state).view_camera[marks.views]]
+    center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.network.view_camera[marks.views]]
     if state.change is not None:
         center = center + state.change[marks.views, 1:]
-    white = whitener(problem.network.cov, len(order))[order]
+    white = np.zeros((len(order), 2, 2))
+    white[:, 0, 0], white[:, 1, 0], white[:, 1, 1] = marks.white.T
     # The residual is white (seen - xy + shift): what the view's focal length moves is white (seen - center).
     by_focal = r + (white @ (marks.xy - marks.shift - center)[..., None])[..., 0]
     b = np.where(used[:, None, None], np.concatenate([by_focal[..., None], white], axis=2), 0.0)
@@ -147,12 +147,10 @@ def _asked(job: Job, solved: Solved, equations: _Equations, what: Ints, by_itsel
     size = np.sqrt(np.diagonal(equations.power, axis1=1, axis2=2)[np.ix_(of, what)])
     own = _own([job.views[v].name for v in views], solved, blocks[n, :, n], size, score)
     size, every = size.ravel(), blocks.reshape(len(views) * kinds, -1)
-    value, vector = np.linalg.eigh(every / np.outer(size, size))
-    told = value > CHECKED
-    change = (vector[:, told].T @ (score.ravel() / size)) / value[told]
-    test, count = float((change**2 * value[told]).sum()), int(told.sum())
-    together = chance_beside(test, count, solved) < UNLIKELY
-    rms = np.sqrt(kinds * (((vector[:, told] @ change) / size) ** 2).mean()) if together else 0.0
+    change, test, count = _together(every / np.outer(size, size), score.ravel() / size)
+    rms = 0.0
+    if chance_beside(test, count, solved) < UNLIKELY:
+        rms = float(np.sqrt(kinds * ((change / size) ** 2).mean()))
     lead = test / solved.scale - count * np.log(2 * solved.used.sum())
     worst = None
     if what[0] == 0:
@@ -160,7 +158,22 @@ def _asked(job: Job, solved: Solved, equations: _Equations, what: Ints, by_itsel
     elif by_itself:
         cross = equations.cross[:, of][:, :, what].reshape(len(equations.cross), -1)
         worst = _worst_shifts(solved, every, count, cross)
-    return Asked(own, float(rms), float(lead), worst)
+    return Asked(own, rms, float(lead), worst)
+
+
+def _together(power: Array, score: Array) -> tuple[Array, float, int]:
+    """Unknowns (n,), what they explain, and how many of them can be told; all of it in units of the sizes of b."""
+    factor, failed = lapack.dpotrf(power, lower=1)
+    if not failed:
+        norm1 = float(np.abs(power).sum(axis=0).max())
+        # The inverse's 1-norm is a bound of its largest eigenvalue.
+        if lapack.dpocon(factor, norm1, uplo="L")[0] * norm1 > CHECKED:
+            change = lapack.dpotrs(factor, score, lower=1)[0]
+            return change, float(score @ change), len(score)
+    value, vector = np.linalg.eigh(power)
+    told = value > CHECKED
+    along = vector[:, told].T @ score
+    return vector[:, told] @ (along / value[told]), float((along**2 / value[told]).sum()), int(told.sum())
 
 
 def _own(names: list[str], solved: Solved, blocks: Array, size: Array, score: Array) -> tuple[Otherwise, ...]:
@@ -190,7 +203,7 @@ def _worst(solved: Solved, views: NDArray[np.int64], left: Array, moved: Array) 
         solved.scale / np.maximum(left, np.finfo(float).tiny)
     )
     problem = solved.problem
-    camera = problem.scene(solved.state).view_camera[views]
+    camera = problem.network.view_camera[views]
     column = problem.layout.columns.camera[camera, PARAMETERS.index("focal_px")]
     sigma = np.sqrt(solved.scale * np.diagonal(solved.covariance.dense)[np.maximum(column, 0)])
     change = ANEW * np.abs(moved[np.maximum(column, 0), np.arange(len(views))])
@@ -223,16 +236,24 @@ def _worst_shifts(solved: Solved, every: Array, count: int, cross: Array) -> Unn
     return Unnoticed(float(change[at]), float(ratio[at])) if ratio[at] > MATTERS else None
 
 
-def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
-    """What is said of pictures whose focal length or principal point is not that of the others, or may not be.
+THINGS = {"focal": "focal length", "principal": "principal point"}
+"""What may change, by the option that frees it (free_focal)."""
 
-    A change of one looks like some of the other: what explains more is named.
-    """
+
+def asked_most(focal: Asked, principal: Asked) -> tuple[str, Asked]:
+    """Which of `THINGS` the marks ask for, "" for none: a change of one looks like some of the other."""
+    asking = {"focal": focal, "principal": principal}
+    asking = {kind: asked for kind, asked in asking.items() if asked.own or asked.together}
+    kind = max(asking, key=lambda k: asking[k].lead, default="")
+    return kind, asking.get(kind, Asked())
+
+
+def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
+    """What is said of pictures whose focal length or principal point is not that of the others, or may not be."""
     focal, principal = changes(job, solved)
-    if (principal.own or principal.together) and not ((focal.own or focal.together) and focal.lead >= principal.lead):
-        return (_said(principal, "principal point", "principal", _pixels),)
-    if focal.own or focal.together:
-        return (_said(focal, "focal length", "focal", _percent),)
+    kind, asked = asked_most(focal, principal)
+    if kind:
+        return (_said(asked, kind),)
     if focal.worst is not None:
         off = f"{g2(focal.worst.off)} px, {g2(focal.worst.sigmas)} of its sigmas"
         words = (
@@ -252,23 +273,20 @@ def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
     return ()
 
 
-def _said(asked: Asked, thing: str, key: str, number: Callable[[Otherwise], str]) -> Doubt:
+def _said(asked: Asked, kind: str) -> Doubt:
     """What is asked for, in words."""
     if not asked.own:
-        size = f"{g2(100 * asked.together)} %" if key == "focal" else f"{g2(asked.together)} px"
-        return Doubt((), f"{thing}s of the pictures differ by {size} (rms): free_{key}", key)
+        size = f"{g2(100 * asked.together)} %" if kind == "focal" else f"{g2(asked.together)} px"
+        return Doubt((), f"{THINGS[kind]}s of the pictures differ by {size} (rms): free_{kind}", kind)
     worst = asked.own[:NAMED]
-    listed = ", ".join(f"{{}} ({number(found)})" for found in worst)
+    listed = ", ".join(f"{{}} ({amount(found)})" for found in worst)
     more = f" and {len(asked.own) - NAMED} more" if len(asked.own) > NAMED else ""
-    words = f"{thing} not that of the other pictures (free_{key}): {listed}{more}"
-    return Doubt(tuple(found.view for found in worst), words, key)
+    words = f"{THINGS[kind]} not that of the other pictures (free_{kind}): {listed}{more}"
+    return Doubt(tuple(found.view for found in worst), words, kind)
 
 
-def _percent(found: Otherwise) -> str:
-    return f"{100 * found.change[0]:+.2g} +- {g1(100 * found.sigma[0])} %"
-
-
-def _pixels(found: Otherwise) -> str:
-    return ", ".join(f"{c:+.2g} +- {g1(s)}" for c, s in zip(found.change, found.sigma, strict=True)) + " px"
-
-
+def amount(found: Otherwise) -> str:
+    """The change of a view with its sigma, in words: one of the focal length has one number, in percent."""
+    scale, unit = (100, "%") if len(found.change) == 1 else (1, "px")
+    numbers = zip(scale * found.change, scale * found.sigma, strict=True)
+    return ", ".join(f"{change:+.2g} +- {g1(sigma)}" for change, sigma in numbers) + f" {unit}"

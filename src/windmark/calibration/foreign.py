@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.calibration.changed_views import changes
+from windmark.calibration.changed_views import THINGS, amount, asked_most, changes
 from windmark.calibration.hypotheses import CHECKED, gathered
 from windmark.calibration.result import Calibration
 from windmark.calibration.setup import Job
@@ -59,9 +59,10 @@ def most_foreign(solved: Solved) -> int:
 
 
 def of_its_own(job: Job, solved: Solved, view: int) -> str:
-    """By how much the focal length of a view is another one, as far as its marks ask for that, in words; "" for not."""
-    found = [r for r in changes(job, solved)[0].own if r.view == job.views[view].name]
-    return f" (by its focal length {100 * found[0].change[0]:+.2g} %: free_focal)" if found else ""
+    """By how much the focal length or principal point of a view is another one, if its marks ask for it, in words."""
+    kind, asked = asked_most(*changes(job, solved))
+    found = [other for other in asked.own if other.view == job.views[view].name]
+    return f" (by its {THINGS[kind]} {amount(found[0])}: free_{kind})" if found else ""
 
 
 def without(result: Calibration, views: Mapping[str, str]) -> Calibration:
