@@ -278,14 +278,16 @@ def add_space(report: Report, result: Calibration, unit: str) -> None:
     keys = [k for k in columns if k not in ("camera", "frame") or len(set(columns[k].tolist())) > 1]
     names = {**{a: f"{a}, {unit}" for a in "xyz"}, **{f"sigma_{a}": f"sigma {a}" for a in "xyz"},
              **{f"sigma_cam_{a}_deg": f"sigma r{a}, deg" for a in "xyz"}, "left_out": "left out",
-             "rms_px": "RMS px", "focal_change": "focal change",
-             **{f"principal_shift_{a}_px": f"principal point {a}, px" for a in "xy"}}  # fmt: skip
+             "rms_px": "RMS px", "focal_change": "focal change, %",
+             **{f"principal_shift_{a}_px": f"shift c{a}, px" for a in "xy"}}  # fmt: skip
     own = ("focal_change", "principal_shift_x_px", "principal_shift_y_px")
     keys = [k for k in keys if k not in (*own, "frame", "rx_deg", "ry_deg", "rz_deg")
             or (k in own and columns[k].any())]  # fmt: skip
     station = measured_rows(*(np.stack([columns[f"{of}{a}"] for a in "xyz"], axis=1) for of in ("", "sigma_")))
     said = dict(zip([*"xyz", *(f"sigma_{a}" for a in "xyz")], zip(*station, strict=True), strict=True))
     said |= {k: [measured(v, v)[1] for v in columns[k]] for k in keys if k.startswith("sigma_cam_")}
+    said |= {"focal_change": [f"{100 * v:+.2f}" for v in columns["focal_change"]]}
+    said |= {k: [f"{v:+.1f}" for v in columns[k]] for k in own[1:]}
     rows = zip(*(said.get(k, columns[k].tolist()) for k in keys), strict=True)
     report.table([names.get(k, k) for k in keys], rows, scroll=True)
     report.text("Sigma of x, y, z: of the station in the model's frame; of rx, ry, rz: of a turn about the "
