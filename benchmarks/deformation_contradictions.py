@@ -185,7 +185,7 @@ def lacking(rng: np.random.Generator, what: str, cameras: int = 2) -> Case:
                     q=np.array([sign * 5, 2, 0.5, 0.2, rng.choice([-0.5, 0.5])]))  # fmt: skip
     else:
         case = wing(rng, cameras, shapes=both, known={"of": None}, q=np.array([sign * 8, 0.5, 0.5]))
-    case.named = ("too simple",)
+    case.named = ("too simple", "wing deforms and has no law")
     return case
 
 
