@@ -85,6 +85,8 @@ def test_pictures_that_focus_by_themselves_are_asked_for_their_principal_point(v
     said = [str(d) for d in result.doubts if d.cause == "focus"]
     assert len(said) == (views == 4)
     assert all("one principal point: 5 px (1 sigma) would mostly go unnoticed" in words for words in said)
+    given = {"start": case.truth.points}
+    assert run(case, datum=Fixed(), given=given, free_focal=own, prior_sigma={"focus": 0.003})  # no free marker moves
     both = run(case, datum=Free(), free_focal=own, free_principal=own, prior_sigma={"focus": 0.003, "principal": 5.0})
     assert both.doubts == ()
 

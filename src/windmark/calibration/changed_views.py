@@ -50,7 +50,7 @@ class Otherwise:
 
 @dataclass(frozen=True)
 class Unnoticed:
-    """What a change by `ANEW` (of the focal length) in one view, where it would mostly not be seen, does.
+    """What a change by `ANEW` of the focal length, where it would mostly not be seen, does.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Asked:
     own : views that ask for one of their own, the surest first
     together : root mean square change of all, where they together ask for it though perhaps none alone does; else 0
     lead : by how much the sum of squares would fall with all of them, less what as many idle unknowns are worth (BIC)
-    worst : the most that a change in one view would do unnoticed, where it matters
+    worst : the most that a change would do unnoticed, where it matters: in one view, of the principal point in all
     """
 
     own: tuple[Otherwise, ...] = ()
@@ -193,7 +193,7 @@ def _own(names: list[str], solved: Solved, blocks: Array, size: Array, score: Ar
     return tuple(found)
 
 
-def _worst(solved: Solved, views: NDArray[np.int64], left: Array, moved: Array) -> Unnoticed | None:
+def _worst(solved: Solved, views: Ints, left: Array, moved: Array) -> Unnoticed | None:
     """What the view does that may be focused anew unnoticed and moves its camera's focal length most, if it matters.
 
     ``left`` (V,) and ``moved`` (D + E b, V) of the ``views``: what the network's unknowns leave over of a change of
@@ -225,7 +225,8 @@ def _worst_shifts(solved: Solved, every: Array, count: int, cross: Array) -> Unn
     size, lay = ANEW * max(c.focal_px for c in solved.state.cameras), solved.problem.layout
     beyond = size**2 * float(np.trace(every)) / solved.scale
     middle, spread = count + beyond, np.sqrt(2 * (count + 2 * beyond))
-    if middle + norm.isf(NOTICED) * spread > chi2.isf(UNLIKELY, count) or not lay.points_eliminated:
+    noticed = middle + norm.isf(NOTICED) * spread > chi2.isf(UNLIKELY, count)
+    if noticed or not (lay.points_eliminated and lay.blocks):
         return None
     datum, block = in_datum(solved.covariance), lay.columns.point_block
     sigma = np.sqrt(solved.scale * np.diagonal(datum.points(), axis1=1, axis2=2))[block >= 0]
