@@ -189,6 +189,8 @@ def test_datum_has_no_default(windmark, plate):
         (("--datum", "free", "--prior-sigma", "k1"), "PARAMETER=sigma"),
         (("--datum", "free", "--free-focal", "v99"), "v99"),
         (("--datum", "free", "--free-principal", "v99"), "free_principal names unknown views v99"),
+        (("--datum", "free", "--free-principal", "all"), "say how far they differ, as in --prior-sigma principal=10"),
+        (("--datum", "free", "--free-focal", "all"), "as in --prior-sigma focus=0.003"),
         (("--datum", "free", "--prior-sigma", "focus=0.003"), "of the pictures of --free-focal, which names none"),
         (("--datum", "free", "--free-focal", "all", "--prior-sigma", "principal=5"), "of --free-principal, which"),
         (("--datum", "free", "--sigma-px", "0"), "--sigma-px"),

@@ -124,6 +124,8 @@ def parse_distances(texts: Sequence[str]) -> tuple[Distance, ...]:
 
 OF_PICTURES = {FOCUS: "--free-focal", PRINCIPAL: "--free-principal"}
 """What is said of single pictures, and the option that says of which."""
+USUAL = {FOCUS: "0.003", PRINCIPAL: "10"}
+"""How far they differ where a camera focuses by itself."""
 
 
 def parse_priors(texts: Sequence[str], asked: Mapping[str, Sequence[str] | None]) -> dict[str, float]:
@@ -138,6 +140,12 @@ def parse_priors(texts: Sequence[str], asked: Mapping[str, Sequence[str] | None]
             raise UsageError(f"--prior-sigma: sigma must be > 0, got {text!r}")
         if (option := OF_PICTURES.get(name)) and not asked[option]:
             raise UsageError(f"--prior-sigma: {name} is of the pictures of {option}, which names none (or all)")
+    for name, option in OF_PICTURES.items():
+        if name not in out and list(asked[option] or ()) == ["all"]:
+            raise UsageError(
+                f"{option} all: where every picture has its own nothing tells the camera's; say how far they differ, "
+                f"as in --prior-sigma {name}={USUAL[name]}"
+            )
     return out
 
 
