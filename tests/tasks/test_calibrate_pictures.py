@@ -80,6 +80,7 @@ def away(result):
     return abs(result.cameras["camera"].focal_px - 1500.0) / result.sigma("camera", "focal_px")
 
 
+@pytest.mark.slow
 def test_a_principal_point_of_its_own_for_every_picture():
     """A lens that sags: without, the pictures are said to differ; with, the residuals are the noise."""
     made, rough = refocused_sheet(12)
