@@ -121,6 +121,21 @@ def test_a_marker_that_stands_elsewhere_is_named_with_its_distance():
     assert found.fits
 
 
+def test_markers_of_one_volume_that_stand_elsewhere_are_named_in_one_sentence():
+    """Every one of them had a sentence, and what stood behind them was not read."""
+    xyz = MARKERS.xyz.copy()
+    for k, n in enumerate((3, 11, 19, 27, 35)):
+        xyz[n] += (2.0 + k) * np.array([1.0, 0.0, 0.0])
+    found = identify(observed(seen(xyz=xyz), np.random.default_rng(39)), MARKERS, PARTS, CAMERAS, VIEWS)
+    assert found.suspect == ("m35", "m27", "m19", "m11", "m3")
+    (words,) = found.warnings
+    said = re.fullmatch(
+        r"m35, m27, m19 and 2 more markers of wing are (\S+) to (\S+) mm from where their table has them", words
+    )
+    assert [float(n) for n in said.groups()] == pytest.approx([2.0, 6.0], abs=0.1)
+    assert found.fits
+
+
 def test_gross_errors_that_have_nothing_in_common_are_no_marker_and_no_camera():
     rng = np.random.default_rng(38)
     named = 0

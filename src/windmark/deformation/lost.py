@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 
 FALSE = 1e-3
 """Probability that marks that are right, or gross errors that have nothing in common, are taken for the other."""
+SINGLE = 3
+"""Markers of a volume that are said to stand elsewhere one by one."""
 QUARTER = 0.25
 """A view that lost so many of its marks, and far more than the others, is named."""
 
@@ -30,7 +33,8 @@ def lost(solved: Solved) -> list[Doubt]:
         return []
     swapped = _exchanged(solved)
     named = {n for doubt in swapped for n in doubt.names}
-    return [*swapped, *(d for d in _elsewhere(solved) if not named & set(d.names)), *_views(solved)]
+    elsewhere = {n: off for n, off in _elsewhere(solved).items() if solved.task.markers.name[n] not in named}
+    return [*swapped, *_beside(solved, elsewhere), *_views(solved)]
 
 
 def _exchanged(solved: Solved) -> list[Doubt]:
@@ -61,20 +65,20 @@ def residuals_of_all(solved: Solved) -> Array:
     return raw
 
 
-def _elsewhere(solved: Solved) -> list[Doubt]:
-    """Markers whose two marks or more are all wrong, and agree with each other on another place."""
+def _elsewhere(solved: Solved) -> dict[int, float]:
+    """How far off markers are whose two marks or more are all wrong, and agree with each other on another place."""
     task, values = solved.task, solved.values
     count = len(task.markers)
     point, view = task.slots
     every, left = np.bincount(point, minlength=count), np.bincount(point[~solved.used], minlength=count)
     wrong = np.flatnonzero((left > 1) & (left == every))
     if not len(wrong):
-        return []
+        return {}
     place = in_tunnel(task.placed.place(values[LAW]), task.wall, values[MOTION])
     residual = residuals_of_all(solved)
     by = by_place(task.sights(solved.shift, np.ones(len(point), bool)), values, place)
-    out, unit = [], length_unit(task.volumes)
-    for n in wrong:
+    out = {}
+    for n in wrong.tolist():
         own = np.flatnonzero(point == n)
         rows = (2 * view[own, None] + np.arange(2)).ravel()
         half = np.linalg.inv(np.linalg.cholesky(task.observations.cov[own]))
@@ -82,7 +86,25 @@ def _elsewhere(solved: Solved) -> list[Doubt]:
         a = (half @ by[n, rows].reshape(-1, 2, 3)).reshape(-1, 3)
         off = np.linalg.lstsq(a, -e, rcond=None)[0]
         if chdtrc(len(e) - 3, float(((e + a @ off) ** 2).sum())) > FALSE:
-            words = f"{{}} is {g2(np.linalg.norm(off))} {unit}".rstrip() + " from where its table has it"
+            out[n] = float(np.linalg.norm(off))
+    return out
+
+
+def _beside(solved: Solved, off: Mapping[int, float]) -> list[Doubt]:
+    """Such markers one by one; of a volume that has more than `SINGLE` of them, all in one sentence."""
+    task, unit, out = solved.task, length_unit(solved.task.volumes), []
+    volume = {n: str(task.placed.names[n]) for n in off}
+    for name in dict.fromkeys(volume.values()):
+        own = sorted((n for n in off if volume[n] == name), key=lambda n: -off[n])
+        if len(own) > SINGLE:
+            more = f"and {len(own) - SINGLE} more markers" + (f" of {name}" if name else "")
+            listed = ", ".join(["{}"] * SINGLE) + f" {more}"
+            size = f"{g2(off[own[-1]])} to {g2(off[own[0]])} {unit}".rstrip()
+            names = tuple(str(task.markers.name[n]) for n in own)
+            out.append(Doubt(names, f"{listed} are {size} from where their table has them", "marker"))
+            continue
+        for n in own:
+            words = f"{{}} is {g2(off[n])} {unit}".rstrip() + " from where its table has it"
             out.append(Doubt((str(task.markers.name[n]),), words, "marker"))
     return out
 
