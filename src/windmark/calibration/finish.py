@@ -17,7 +17,7 @@ from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.lens_known import RADIAL, radial_spread
 from windmark.calibration.result import Calibration
 from windmark.calibration.rough_places import held_by_table
-from windmark.calibration.setup import Job, frames_of, views_of
+from windmark.calibration.setup import Job, frames_of, taking_part, views_of
 from windmark.calibration.solve import Solved
 from windmark.calibration.swaps import swapped
 from windmark.geometry import PARAMETERS, DegenerateGeometry, Pose
@@ -34,18 +34,26 @@ WEAK = 0.1
 centre) above which something counts as not determined."""
 
 
+OUT = "its marks contradict the others"
+"""Why a marker or a view took no part that had enough marks."""
+
+
 def calibration(
-    job: Job, solved: Solved, dropped: dict[str, str], options: dict[str, Any], doubts: tuple[Doubt, ...] = ()
-) -> Calibration:
+    job: Job, solved: Solved, good: Mask, dropped: dict[str, str], options: dict[str, Any],
+    doubts: tuple[Doubt, ...] = (),
+) -> Calibration:  # fmt: skip
     """Put an adjusted network into its datum and name everything, with the ``doubts`` known before.
 
-    What is not determined must have been refused before (`refuse_weak`).
+    ``good`` (O,) are the marks that were given to it. What is not determined must have been refused before
+    (`refuse_weak`).
     """
     chosen = datum_points(job)
     obs = job.observations
     seen = np.zeros(len(job.markers), dtype=np.bool_)
     seen[obs.point[solved.taken]] = True
-    doubts = (*doubts, *_lost(job, solved))
+    gone = _lost(job, solved, good)
+    doubts = (*doubts, *gone)
+    dropped = dropped | {name: OUT for d in gone for name in d.names if name in dropped}
     if chosen is not None:
         solved, chosen, beside = _by_table(job, solved, chosen, chosen & seen)
         doubts = (*doubts, *beside)
@@ -131,9 +139,12 @@ def refuse_weak(job: Job, solved: Solved, rough: NetworkState | None = None) -> 
         raise DegenerateGeometry(f"the pictures do not determine everything that is free{advice}", tuple(weak))
 
 
-def _lost(job: Job, solved: Solved) -> list[Doubt]:
-    """Markers and views that lost a quarter of their marks and more than one by chance."""
-    obs, bad, out = job.observations, ~solved.used, []
+def _lost(job: Job, solved: Solved, good: Mask) -> list[Doubt]:
+    """Markers and views that lost a quarter of their marks and more than one by chance; or all, and took no part."""
+    obs, out, given = job.observations, [], taking_part(job, good)[0]
+    given[solved.taken] = True
+    bad = given.copy()
+    bad[np.flatnonzero(solved.taken)[solved.used]] = False
     for index, names, words, cause in (
         (obs.point, job.markers.name.tolist(), "it moved, is not where its table says, or has wrong labels", "marker"),
         (
@@ -143,8 +154,7 @@ def _lost(job: Job, solved: Solved) -> list[Doubt]:
             "picture",
         ),
     ):
-        lost = np.bincount(index[solved.taken][bad], minlength=len(names))
-        every = np.bincount(index[solved.taken], minlength=len(names))
+        lost, every = (np.bincount(index[marks], minlength=len(names)) for marks in (bad, given))
         out += [
             Doubt((str(names[n]),), f"{{}} lost {lost[n]} of its {every[n]} marks: {words}", cause)
             for n in np.flatnonzero((lost > 1) & (4 * lost >= every))

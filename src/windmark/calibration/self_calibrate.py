@@ -161,18 +161,29 @@ def _in_use(cameras: Mapping[str, Camera], views: Sequence[View]) -> dict[str, C
 def _best_of_starts(job: Job, options: dict[str, Any]) -> Calibration | NotCalibrated:
     """From the given focal length, and from others where that leads to no solution."""
     refusal: NotCalibrated | None = None
+    accepted: list[Calibration] = []
     factors = (1.0, *RETRY_FOCAL) if "focal_px" in job.free else (1.0,)
     for n, factor in enumerate(factors):
         cameras = {name: replace(c, focal_px=c.focal_px * factor) for name, c in job.cameras.items()}
         outcome = _attempt(job, cameras, options, options["seed"] + n)
         if isinstance(outcome, Calibration):
-            return outcome
+            accepted.append(outcome)
+            if not _lost_markers(outcome):
+                break
+            continue  # a solution that leaves markers alone is perhaps none: another start may explain them, too
         if refusal is None or outcome.sigma0 < refusal.sigma0 or np.isnan(refusal.sigma0):
             refusal = outcome
         if outcome.cause == "degenerate" and outcome.sigma0 <= options["max_sigma0"]:
             break  # the marks fit: no other start can help
+    if accepted:
+        return max(accepted, key=lambda result: int(result.used.sum()))
     assert refusal is not None
     return refusal
+
+
+def _lost_markers(result: Calibration) -> bool:
+    """Whether markers took no part because all of their marks were left out."""
+    return any(d.cause == "marker" and set(d.names) & set(result.dropped) for d in result.doubts)
 
 
 def _attempt(
@@ -243,7 +254,7 @@ def _adjusted(
             )
         used = {"datum": job.datum, "distances": job.distances, "prior_sigma": dict(job.prior_sigma)}
         doubts = (*held.doubts, *change_doubts(job, solved))
-        return calibration(job, solved, dropped, {**options, **used}, doubts), solved
+        return calibration(job, solved, good, dropped, {**options, **used}, doubts), solved
     except DegenerateGeometry as error:
         return NotCalibrated(str(error), "degenerate", error.weak, dropped, sigma0, options), None
 

@@ -60,7 +60,7 @@ def in_datum(result: Calibration, datum: Free, reference: MarkerSet | None = Non
         problem, state, network_covariance(system, problem.layout), result.report, every, result.used, white,
         result.test, result.sigma0, result.redundancy, dict(result.dropped),
     )  # fmt: skip
-    found = calibration(job, solved, dict(result.dropped), {**result.options, "datum": datum})
+    found = calibration(job, solved, every, dict(result.dropped), {**result.options, "datum": datum})
     return replace(found, doubts=result.doubts, suspect=result.suspect)
 
 
