@@ -9,7 +9,10 @@ import pytest
 from scipy.stats import chi2
 
 from windmark.calibration import Calibration, Distance, Fixed, Free, NotCalibrated, Weighted, self_calibrate
+from windmark.calibration.setup import Job, first_state
 from windmark.calibration.snooping import critical, externally
+from windmark.calibration.solve import solve
+from windmark.geometry import Pose
 from windmark.geometry.similarity import align
 from windmark.scene import Doubt
 
@@ -243,6 +246,25 @@ def test_a_marker_that_vanishes_with_its_wrong_marks_is_named(case):
     assert result.suspect == ("m07",)
     (doubt,) = result.doubts
     assert str(doubt).startswith("m07 lost 2 of its 2 marks: ")
+
+
+def test_a_marker_of_which_one_mark_was_taken_for_wrong_comes_back(case):
+    """What takes no part is not tested: the search that leaves gross errors out begins with one mark of it."""
+    net = case.network
+    kept = (net.point != 7) | np.isin(np.arange(len(net.xy)), np.flatnonzero(net.point == 7)[:2])
+    xy = (net.xy + np.random.default_rng(0).normal(0, 0.1, net.xy.shape))[kept]
+    network = replace(net, view=net.view[kept], point=net.point[kept], xy=xy, cov=net.cov[kept])
+    observations, markers, cameras, views, _ = networks.nouns(networks.Case(network, case.truth, case.start))
+    job = Job(observations, markers, tuple(views), cameras, networks.NAMES, Free(), (), False, (), {})
+    every, shift = np.ones(len(xy), bool), np.zeros_like(xy)
+    state = first_state(job, {"cam0": networks.CAMERA}, [Pose(r, t) for r, t in zip(
+        case.truth.frames.rotation, case.truth.frames.translation, strict=True
+    )])  # fmt: skip
+    fits = every.copy()
+    fits[np.flatnonzero(network.point == 7)[0]] = False
+    solved = solve(job, state, every, shift, True, fits)
+    assert solved.taken.all()
+    assert solved.used.all()
 
 
 def test_of_solutions_that_leave_markers_alone_the_one_that_explains_most_is_taken(case, monkeypatch):

@@ -110,7 +110,26 @@ def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bo
         if again is None:
             break
         solved, good = _tested(job, state, allowed, again, shift)
-    return solved
+    return _restored(job, solved, allowed, good, shift)
+
+
+def _restored(job: Job, solved: Solved, allowed: Mask, good: Mask, shift: Array) -> Solved:
+    """With the markers back that vanished, where more marks fit then.
+
+    A marker with one mark left takes no part, and what takes no part is not tested: it could not come back by itself.
+    """
+    obs = job.observations
+    there, could = (np.isin(np.arange(len(job.markers)), obs.point[m]) for m in (
+        solved.taken, taking_part(job, allowed)[0]
+    ))  # fmt: skip
+    back = allowed & (could & ~there)[obs.point]
+    if not back.any() or not solved.report.converged:
+        return solved
+    try:
+        other, fits = _tested(job, solved.state, allowed, good | back, shift)
+    except (DegenerateGeometry, ValueError):
+        return solved
+    return other if other.report.converged and fits.sum() > good.sum() else solved
 
 
 def _plain(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved | None:
