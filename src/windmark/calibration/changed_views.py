@@ -28,7 +28,7 @@ ANEW, NOTICED, MATTERS = 0.003, 0.8, 3.0
 """A relative change of the focal length, as a consumer's camera makes it where it focuses anew; the probability with
 which the test of a view finds it, or else it goes unnoticed; sigmas by which it must move the camera's to be said."""
 UNLIKELY = FALSE / 2
-"""Probability of a change where there is none, of either kind."""
+"""Probability of a change of one view where there is none, of either kind."""
 NAMED = 5
 """Pictures that are named at most."""
 
@@ -149,7 +149,7 @@ def _asked(job: Job, solved: Solved, equations: _Equations, what: Ints, by_itsel
     size, every = size.ravel(), blocks.reshape(len(views) * kinds, -1)
     change, test, count = _together(every / np.outer(size, size), score.ravel() / size)
     rms = 0.0
-    if chance_beside(test, count, solved) < UNLIKELY:
+    if chance_beside(test, count, solved) < FALSE:
         rms = float(np.sqrt(kinds * ((change / size) ** 2).mean()))
     lead = test / solved.scale - count * np.log(2 * solved.used.sum())
     worst = None
@@ -225,7 +225,7 @@ def _worst_shifts(solved: Solved, every: Array, count: int, cross: Array) -> Unn
     size, lay = ANEW * max(c.focal_px for c in solved.state.cameras), solved.problem.layout
     beyond = size**2 * float(np.trace(every)) / solved.scale
     middle, spread = count + beyond, np.sqrt(2 * (count + 2 * beyond))
-    noticed = middle + norm.isf(NOTICED) * spread > chi2.isf(UNLIKELY, count)
+    noticed = middle + norm.isf(NOTICED) * spread > chi2.isf(FALSE, count)
     if noticed or not (lay.points_eliminated and lay.blocks):
         return None
     datum, block = in_datum(solved.covariance), lay.columns.point_block
