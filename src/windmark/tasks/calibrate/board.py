@@ -23,7 +23,7 @@ from windmark.scene import Detections, MarkerSet, Observations, View
 from windmark.tasks.calibrate.board_picture import Board, BoardPicture
 from windmark.tasks.calibrate.board_turned import placed_by_print
 from windmark.tasks.calibrate.lens import in_lens, with_lens
-from windmark.tasks.calibrate.marks import Marks, with_focal, with_sigma
+from windmark.tasks.calibrate.marks import Marks, with_excess, with_focal, with_sigma
 from windmark.tasks.calibrate.picture import excess_px
 from windmark.tasks.calibrate.run import Calibrated, CalibrateSettings, adjusted, calibrate_marks, explained
 from windmark.tasks.calibrate.stage import Stage, unnoticed
@@ -97,7 +97,7 @@ def calibrate_dots(
             pictures = placed_by_print(pictures, board, first, excess)
         marks = _marks(pictures, board, marks.cameras)
     obs = marks.observations
-    marks = replace(marks, observations=replace(obs, cov=obs.cov + excess**2 * np.eye(2)))
+    marks = replace(marks, observations=replace(obs, cov=with_excess(obs.cov, excess)))
     done = calibrate_marks(marks, settings, stage, lenses)
     return done, tuple(replace(p, excess_px=excess) for p in pictures)
 

@@ -20,7 +20,7 @@ from windmark.calibration.start import start_poses
 from windmark.geometry import DegenerateGeometry, Pose
 from windmark.scene import MarkerSet
 from windmark.tasks.calibrate.board_picture import Board, BoardPicture
-from windmark.tasks.calibrate.marks import with_sigma
+from windmark.tasks.calibrate.marks import with_excess
 from windmark.tasks.calibrate.picture import lost_most
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def placed_by_print(
 
 def _only(picture: BoardPicture, view: BoardView, board: Board, known: Calibration, excess_px: float) -> Ints | None:
     """Columns and rows of the one placement that fits; None where none does, or not clearly one."""
-    place = cells_of(known.markers)
+    place = _cells_of(known.markers)
     pose = _rough_pose(picture, view, board, known)
     if pose is None:
         return None
@@ -81,7 +81,7 @@ def _only(picture: BoardPicture, view: BoardView, board: Board, known: Calibrati
     return found[0].index if found[1].misfit > APART * found[0].misfit else None
 
 
-def cells_of(markers: MarkerSet) -> dict[tuple[int, int], int]:
+def _cells_of(markers: MarkerSet) -> dict[tuple[int, int], int]:
     """Index of the marker of every column and row, by their names."""
     return {(int(c), int(r)): n for n, (c, r) in enumerate(name[1:].split("r") for name in markers.name.tolist())}
 
@@ -121,7 +121,7 @@ def _fitted(
     number = np.array([place.get((c, r), -1) for c, r in index.tolist()])
     there = number >= 0
     xyz, xy = known.markers.xyz[number[there]], view.xy(picture.detections)[there]
-    cov = with_sigma(picture.detections.cov[view.spot[there]], 0.1) + excess_px**2 * np.eye(2)
+    cov = with_excess(picture.detections.cov[view.spot[there]], excess_px)
     try:
         fit = refine_pose(known.cameras[picture.camera], start, xyz, xy, cov, loss="huber")
     except (ValueError, DegenerateGeometry):

@@ -122,3 +122,8 @@ def with_sigma(cov: NDArray[np.float64], sigma_px: float) -> NDArray[np.float64]
     """Covariances, those that are not known from the sigma given."""
     known = np.asarray(np.isfinite(cov).all(axis=(1, 2), keepdims=True))
     return np.where(known, cov, sigma_px**2 * np.eye(2))
+
+
+def with_excess(cov: NDArray[np.float64], excess_px: float) -> NDArray[np.float64]:
+    """Covariances (N, 2, 2) of spots with so much noise beyond the detector's."""
+    return with_sigma(cov, 0.1) + excess_px**2 * np.eye(2)

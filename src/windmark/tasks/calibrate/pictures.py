@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from windmark import registration
 from windmark.calibration import Calibration, Free, NotCalibrated
@@ -25,7 +24,7 @@ from windmark.registration import CONTRADICTED, NotRegistered, Registration
 from windmark.scene import Detections, Doubt, MarkerSet, Observations, View
 from windmark.tasks.calibrate.beside import beside_their_place
 from windmark.tasks.calibrate.lens import FISHEYE_WIDTHS, in_lens, undecided, with_lens
-from windmark.tasks.calibrate.marks import Marks, with_sigma
+from windmark.tasks.calibrate.marks import Marks, with_excess
 from windmark.tasks.calibrate.picture import Picture, excess_px, lost_most
 from windmark.tasks.calibrate.run import (
     EVERY,
@@ -295,12 +294,7 @@ def _match(
 
 def _as_uncertain(spots: Detections, excess_px: float) -> Detections:
     """Spots with so much noise beyond the detector's."""
-    return replace(spots, cov=_with_excess(spots.cov, excess_px)) if excess_px else spots
-
-
-def _with_excess(cov: NDArray[np.float64], excess_px: float) -> NDArray[np.float64]:
-    """Covariances (N, 2, 2) of spots with so much noise beyond the detector's."""
-    return with_sigma(cov, 0.1) + excess_px**2 * np.eye(2)
+    return replace(spots, cov=with_excess(spots.cov, excess_px)) if excess_px else spots
 
 
 def _as_loose(camera: Camera) -> Camera:
@@ -323,7 +317,7 @@ def _marks(
         view.append(np.full(len(pairs), v, dtype=np.int64))
         point.append(pairs.marker.astype(np.int64))
         xy.append(p.detections.xy[pairs.detection])
-        cov.append(_with_excess(p.detections.cov[pairs.detection], excess_px))
+        cov.append(with_excess(p.detections.cov[pairs.detection], excess_px))
         # A flagged outline (cut by the border, touched, in clutter) is not that of the disc.
         clean = p.detections.flags[pairs.detection, None] == 0
         ellipses.append(np.where(clean, p.detections.ellipses[pairs.detection], np.nan))
