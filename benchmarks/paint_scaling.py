@@ -63,11 +63,16 @@ class Cluster:
     def __init__(self, place: Path) -> None:
         self.file = place / "scheduler.json"
         self.processes = [self._start("dask_scheduler", "--port", "0", "--no-dashboard")]
-        while not self.file.exists():
-            if self.processes[0].poll() is not None:
-                raise SystemExit("no scheduler could be started; is the extra cluster installed?")
-            time.sleep(0.05)
-        self.address = str(json.loads(self.file.read_text())["address"])
+        self.address = self._address()
+
+    def _address(self) -> str:
+        """Waited for until it is whole: the scheduler writes its file in place."""
+        while self.processes[0].poll() is None:
+            try:
+                return str(json.loads(self.file.read_text())["address"])
+            except (FileNotFoundError, json.JSONDecodeError):
+                time.sleep(0.05)
+        raise SystemExit("no scheduler could be started; is the extra cluster installed?")
 
     def worker(self) -> subprocess.Popen[bytes]:
         """One more, which nobody starts again."""

@@ -1,6 +1,7 @@
 """`windmark psp --scheduler`: the same bytes as here, a worker that is killed, a run that is stopped and goes on."""
 
 import csv
+import json
 import os
 import shutil
 import subprocess
@@ -49,13 +50,22 @@ class Cluster:
         self.place = place
         self.file = place / "scheduler.json"
         self.scheduler = self._start("dask_scheduler", "--port", "0", "--no-dashboard")
-        end = time.monotonic() + START_S
-        while not self.file.exists() and time.monotonic() < end:
-            time.sleep(0.05)
-        import json
-
-        self.address = json.loads(self.file.read_text())["address"]
         self.workers = []
+        try:
+            self.address = self._address()
+        except BaseException:
+            self.close()
+            raise
+
+    def _address(self):
+        """Waited for until it is whole: the scheduler writes its file in place."""
+        end = time.monotonic() + START_S
+        while time.monotonic() < end and self.scheduler.poll() is None:
+            try:
+                return json.loads(self.file.read_text())["address"]
+            except (FileNotFoundError, json.JSONDecodeError):
+                time.sleep(0.05)
+        raise RuntimeError(f"the scheduler did not say its address in {START_S} s: {self.scheduler.poll()=}")
 
     def worker(self):
         self.workers.append(self._start("dask_worker", "--no-nanny", "--nthreads", "1", "--no-dashboard"))
