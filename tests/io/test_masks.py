@@ -6,7 +6,7 @@ import tifffile
 from PIL import Image
 
 from windmark import io
-from windmark.io.masks import polygon_pixels
+from windmark.io.masks import filled
 
 
 def winding(corners, shape):
@@ -25,12 +25,12 @@ def winding(corners, shape):
 @pytest.mark.parametrize("seed", range(6))
 def test_as_its_slow_twin(seed):
     corners = np.random.default_rng(seed).uniform(-5, 35, (3 + seed, 2))
-    np.testing.assert_array_equal(polygon_pixels(corners, (25, 30)), winding(corners, (25, 30)))
+    np.testing.assert_array_equal(filled([corners], (25, 30)), winding(corners, (25, 30)))
 
 
 def test_polygons_with_a_common_side_share_no_pixel():
-    left = polygon_pixels([(0, 0), (10, 0), (10, 20), (0, 20)], (21, 31))
-    right = polygon_pixels([(10, 0), (30, 0), (30, 20), (10, 20)], (21, 31))
+    left = filled([[(0, 0), (10, 0), (10, 20), (0, 20)]], (21, 31))
+    right = filled([[(10, 0), (30, 0), (30, 20), (10, 20)]], (21, 31))
     assert not (left & right).any()
     assert (left | right).sum() == 30 * 20
 

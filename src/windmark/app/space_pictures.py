@@ -26,64 +26,9 @@ RADIUS = float(np.sqrt(chdtri(3, 0.05)))
 _PLANES = ((0, 1), (0, 2), (1, 2))
 _NAMED = 40
 """Markers are named up to so many."""
-_SOLID = 200
-"""Markers get an ellipsoid in three dimensions up to so many."""
 _SHARE, _USUAL, _LARGEST = 0.8, 0.035, 0.2
 """An ellipsoid larger than this share of all is drawn with a semi-axis of this part of the model; the largest with no
 more than that."""
-
-
-def space_picture(result: Calibration, unit: str) -> Figure:
-    """Stations, markers and their error ellipsoids in perspective."""
-    from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
-
-    xyz, cov = result.markers.xyz, result.marker_cov
-    poses = [result.pose(v.name) for v in result.views]
-    at = np.stack([p.center for p in poses])
-    both = np.concatenate([at, xyz])
-    reach = 0.12 * float(np.ptp(both, axis=0).max())
-    figure = Figure(figsize=(WIDTH_IN * 0.85, WIDTH_IN * 0.72))
-    axes = figure.add_axes((0.0, 0.0, 1.0, 0.94), projection="3d", computed_zorder=False)
-    assert isinstance(axes, Axes3D)
-    colours = _camera_colours(result)
-    for view, pose in zip(result.views, poses, strict=True):
-        tip, *far = _frustum(result, view.camera, pose.rotation, pose.center, reach)
-        edges = [*([tip, f] for f in far), *zip(far, [*far[1:], far[0]], strict=True)]
-        axes.add_collection3d(Line3DCollection(edges, colors=colours[view.camera], linewidths=0.7))
-    for name, colour in colours.items():
-        mine = np.array([v.camera == name for v in result.views])
-        axes.plot(*at[mine].T, "o", color=colour, ms=3, label=name)
-    axes.plot(*xyz.T, ".", color=DARK, ms=2.5)
-    title = f"{len(poses)} stations and {len(xyz)} markers"
-    if len(xyz) <= _SOLID and cov.any():
-        usual, top, factor = magnification(cov, max(float(np.ptp(xyz, axis=0).max()), 0.6 * float(np.ptp(both))))
-        faces = [f for p, c in zip(xyz, cov, strict=True) for f in _ellipsoid(p, c * (RADIUS * factor) ** 2)]
-        axes.add_collection3d(Poly3DCollection(faces, facecolors="#90caf930", edgecolors=BLUE, linewidths=0.15))
-        title += f"\n{_magnified(usual, top, factor, unit)}"
-    if len(colours) > 1:
-        axes.legend(fontsize=8, loc="upper left")
-    low, high = both.min(axis=0), both.max(axis=0)
-    half = 0.53 * float((high - low).max())
-    span = np.maximum(high - low, 0.3 * half)
-    for k, (middle, axis) in enumerate(zip((low + high) / 2, "xyz", strict=True)):
-        limits = middle - 0.53 * span[k], middle + 0.53 * span[k]
-        axes.set(**{f"{axis}lim": limits, f"{axis}label": f"{axis}, {unit}"})
-    axes.set_box_aspect(tuple(span), zoom=1.1)
-    axes.tick_params(labelsize=7)
-    # From the side where the cameras are.
-    axes.view_init(elev=22 if at[:, 2].mean() > xyz[:, 2].mean() else -22, azim=-55)
-    figure.suptitle(title, fontsize=11)
-    return figure
-
-
-def _ellipsoid(center: Array, cov: Array) -> Array:
-    """(F, 4, 3) faces of the surface of an ellipsoid of one sigma."""
-    value, vector = np.linalg.eigh(cov)
-    up, around = np.meshgrid(np.linspace(0, np.pi, 7), np.linspace(0, 2 * np.pi, 11), indexing="ij")
-    ball = np.stack([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up)], axis=-1)
-    p = center + (ball * np.sqrt(np.maximum(value, 0.0))) @ vector.T
-    return np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=2).reshape(-1, 4, 3)
 
 
 def magnification(cov: Array, size: float) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from windmark.io._pillow import transparent_pixels
 from windmark.io.colour import to_grey
@@ -85,20 +85,15 @@ def _from_table(path: Pathlike, shape: tuple[int, ...]) -> Mask:
         if len(rows) < 3:
             which = f"polygon {name!r}" if name else "the polygon"
             raise FileError(path, f"{which} has {len(rows)} corners; expected at least three")
-    return _filled([corners[rows] for rows in polygons.values()], shape)
+    return filled([corners[rows] for rows in polygons.values()], shape)
 
 
-def polygon_pixels(corners: ArrayLike, shape: tuple[int, ...]) -> Mask:
-    """Pixels (H, W) whose centre is inside a polygon with corners (N, 2); where it crosses itself, even is outside.
+def filled(polygons: Sequence[Array], shape: tuple[int, ...]) -> Mask:
+    """Pixels (H, W) whose centre is inside an odd number of polygons with corners (N, 2) each, which may cross.
 
     Each row is filled between its crossings with the sides; a side counts with its upper end and without its lower one,
     so that polygons with a common side share no pixel.
     """
-    return _filled([np.asarray(corners, dtype=float)], shape)
-
-
-def _filled(polygons: Sequence[Array], shape: tuple[int, ...]) -> Mask:
-    """Pixels inside an odd number of the polygons: those with an odd number of sides to their left."""
     height, width = shape
     ends = [np.stack([xy, np.roll(xy, -1, axis=0)], axis=1) for xy in polygons]
     sides = np.concatenate(ends)  # (S, 2, 2): beginning and end, x and y

@@ -60,11 +60,6 @@ class Change:
     angle_deg: float | None = None
     distance: float | None = None
 
-    @property
-    def names_changed(self) -> bool:
-        """Whether any marker is elsewhere."""
-        return bool(self.gained or self.lost or self.moved)
-
 
 def seen(result: RunResult) -> Seen:
     """What is to be kept of a run; its pictures are not."""

@@ -16,7 +16,6 @@ from windmark.pipeline.typed import nearest
 
 INCONSISTENT = "inconsistent"
 """Type of these among pydantic's errors."""
-Loc = tuple[str | int, ...]
 
 
 class Faults:

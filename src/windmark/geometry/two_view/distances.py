@@ -68,12 +68,6 @@ class EpipolarDistance:
     sampson_px: Array
     sigmas: Array
 
-    @property
-    def sigma_b_px(self) -> Array:
-        """Standard deviation of ``in_b_px``."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.abs(self.in_b_px / self.sigmas))
-
 
 def epipolar_distance(
     xy_a: ArrayLike,
