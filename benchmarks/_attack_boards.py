@@ -33,7 +33,7 @@ MOST_CUT = 0.25
 """Part of the rows on a side that the table may lack."""
 
 
-def board(seed: int, *, prior: bool = False, missing: int = 0, labels: int = 0) -> Trial:
+def board(seed: int, *, prior: bool = False, missing: int = 0, labels: int = 0, cut: bool = False) -> Trial:
     """A board whose spots go on beyond the rows of its table, by a lens with 0.1 to 0.5 px that nobody knows.
 
     Parameters
@@ -41,6 +41,7 @@ def board(seed: int, *, prior: bool = False, missing: int = 0, labels: int = 0) 
     prior : the true pose is given
     missing : the table is of 20 x 11 dots, and so many of those are not in the picture; 0 takes any size
     labels : so many spots are labelled by hand
+    cut : the border of the picture cuts off up to a fifth of the board, at any side
     """
     rng = np.random.default_rng(seed)
     columns, rows = (20, 11) if missing else (int(rng.integers(6, 13)), int(rng.integers(5, 10)))
@@ -49,6 +50,7 @@ def board(seed: int, *, prior: bool = False, missing: int = 0, labels: int = 0) 
     index = np.round(whole.xyz[:, :2]).astype(int)
     inside = (index >= [left, top]).all(axis=1) & (index < [left + columns, top + rows]).all(axis=1)
     camera, pose = view(rng, whole, tilt_max_deg=40, least=len(whole.xyz) - 6)
+    pose = _turned(rng, whole.xyz, camera, pose) if cut else pose
     far = np.hypot(*np.array(camera.size_px)) / 2
     k1 = camera.k1 + rng.choice([-1, 1]) * rng.uniform(0.1, 0.5) / (far * (far / camera.focal_px) ** 2)
     keep = np.ones(len(whole), dtype=bool)
@@ -59,8 +61,18 @@ def board(seed: int, *, prior: bool = False, missing: int = 0, labels: int = 0) 
     prior_given = {"prior": near(rng, pose, markers.xyz, PRIOR_DEG, PRIOR_SCALE)} if prior else {}
     shot = replace(shot, label=known, seen=shot.seen[inside])
     return trial_of(
-        shot, markers, camera=camera, must=labels > 0, options={**prior_given, **_labelled(rng, known, labels)}
-    )
+        shot, markers, camera=camera, must=labels > 0, unseen=("shift",) if cut else (),
+        options={**prior_given, **_labelled(rng, known, labels)},
+    )  # fmt: skip
+
+
+def _turned(rng: np.random.Generator, xyz: Array, camera: Camera, pose: Pose) -> Pose:
+    """The camera turned about its eye, to any side, until it has lost a part of the markers."""
+    around, least = rng.uniform(0, 2 * np.pi), rng.uniform(0.8, 1.0)
+    step = Pose.from_rotvec(0.004 * np.array([np.cos(around), np.sin(around), 0.0]), np.zeros(3))
+    while camera.in_image(camera.project(pose.apply(xyz))[0]).mean() > least:
+        pose = step @ pose
+    return pose
 
 
 def _renumbered(label: NDArray[np.int64], inside: NDArray[np.bool_]) -> NDArray[np.int64]:

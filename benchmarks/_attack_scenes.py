@@ -79,6 +79,7 @@ MIRROR = {
 BOARD: dict[str, Callable[[int], Trial]] = {
     "larger": boards.board,
     "larger, prior": partial(boards.board, prior=True),
+    "larger, cut, prior": partial(boards.board, prior=True, cut=True),
     "larger, prior, labels": partial(boards.board, prior=True, labels=3),
     "210 of 220": partial(boards.board, missing=10),
     "210 of 220, prior": partial(boards.board, missing=10, prior=True),

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from windmark.geometry import Pose
+from windmark.geometry import Camera, Pose
 from windmark.registration import register
-from windmark.scene import Matching
+from windmark.scene import Detections, Matching
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import _attack_judge as judge
+import _attack_models as models
 import _attack_scenes as attacks
 
 VARIANTS = [
@@ -162,6 +163,38 @@ def test_labels_on_a_board_that_goes_on_beyond_its_table_are_not_contradicted_by
     trial = attacks.trial("board/larger, prior, labels/12000006")
     answer = register(trial.detections, trial.markers, trial.camera, **trial.options)
     assert judge.judged("board", trial, answer, 0.0).kind == "right"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "larger, prior/88000063",  # shifted by a column it has 47 spots of 49; two of the column beyond are in view
+        "larger, cut, prior/90000124",  # one is, and the right labels explain 46 spots instead of 54
+        "larger, cut, prior/90000090",  # sharper spots than stated: what that brings counts for the spots of both
+        "larger, cut, prior/88000140",  # a row is a fifth of the table: nothing is left that says so
+    ],
+)
+def test_a_board_that_goes_on_beyond_its_table_is_ambiguous_where_the_border_cuts_it(name):
+    trial = attacks.trial(f"board/{name}")
+    answer = register(trial.detections, trial.markers, trial.camera, **trial.options)
+    assert judge.judged("board", trial, answer, 0.0).kind == ("said" if name.endswith("140") else "reason")
+
+
+@pytest.mark.parametrize(("aim", "named"), [(4.0, False), (2.0, False), (1.0, True), (0.0, True)])
+def test_a_shift_is_named_only_where_the_border_of_the_picture_hides_what_it_would_lack(aim, named):
+    """A grid as its table says, with a prior; the camera looks more and more past its end."""
+    xyz = models.grid(9, 6).xyz
+    markers, camera = models.table(xyz, np.tile([0.0, 0.0, 1.0], (54, 1))), Camera((900, 700), 900.0)
+    pose = Pose.look_at([aim, 1.0, 16.0], [aim, 2.5, 0.0], [0.0, 1.0, 0.0])
+    xy = camera.project(pose.apply(xyz))[0]
+    inside = np.flatnonzero(camera.in_image(xy))
+    noise = np.random.default_rng(1).normal(0, 0.05, (54, 2))
+    answer = register(Detections.make((xy + noise)[inside], sigma_px=0.05), markers, camera, prior=pose)
+    assert answer, answer
+    np.testing.assert_array_equal(answer.matching.marker, inside[answer.matching.detection])
+    said = [u.words for u in answer.unchecked if u.what == "shift"]
+    assert len(said) == named
+    assert all("whether the layout goes on beyond its table" in words for words in said)
 
 
 # --- the reason of a refusal -------------------------------------------------------------------

@@ -71,8 +71,8 @@ class Unchecked:
 
     Parameters
     ----------
-    what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror", "copy",
-        "pair", "bending" or "radii"
+    what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror", "shift",
+        "copy", "pair", "bending" or "radii"
     words : why, and how large an error this picture would show
     camera : number of the camera, of a rig
     """

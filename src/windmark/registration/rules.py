@@ -12,9 +12,13 @@ MISFIT = 4.0
 (`matching_refusals`)."""
 SAME_SHARE = 0.6
 """Two solutions are one only if more than this share of the pairs is."""
-AS_MANY = 0.8
+AS_MANY = 0.65
 """A labelling that is shifted on a board beyond its table explains at least this part of the spots (`attacks`: board).
 """
+SHIFTED = 0.75
+"""Where nothing says that the board goes on beyond its table, a shift that explains at least this part is named."""
+NO_CHANCE = 10.0
+"""Nats against chance at which some spots beyond the table are the board's (`attacks`: board)."""
 DOUBLED = math.sqrt(3.0)
 """Spots may be twice as bad as they say: an excess of so many of their sigma (`pose_covariance`)."""
 LOOSE = 1.8

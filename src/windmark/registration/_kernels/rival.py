@@ -16,12 +16,14 @@ from windmark.registration._kernels.best import Best, keep
 from windmark.registration._kernels.growth import PRIOR_WORTH, Gates, grow, refine
 from windmark.registration._kernels.hypothesis import GRAZING, OUT, Model, Picture, _towards, lookup
 from windmark.registration._kernels.match import GROWTH
+from windmark.registration.rules import AS_MANY
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 HOPELESS = 80.0
-"""What can at best come so much (nats) below the best solution is not grown: no rival of it."""
+"""What can at best come so much (nats) below the best solution is not grown: no rival of it. But where it explains
+nearly as many spots: on a board that goes on beyond its table the others are no evidence (`settle.common`)."""
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -36,7 +38,7 @@ def rivals_kernel(
     -------
     The work done, in links; whether it ended so.
     """
-    n = match.shape[1]
+    n, many = match.shape[1], AS_MANY * (match[0] >= 0).sum()
     factor, step, work = np.empty((7, 7)), np.empty(7), GROWTH * n
     own = grow(model, picture, gates, match[0], r[0], t[0], f, (match[0] >= 0).sum())[0]
     least = max(own, best.score.max()) - HOPELESS
@@ -47,7 +49,7 @@ def rivals_kernel(
         pairs = (match[s] >= 0).sum()
         if pairs < 4 or not refine(model.xyz, picture.p, match[s], r[s], t[s], f, factor, step, 6, gates.sigma**2)[0]:
             continue
-        if promise(model, picture, gates, r[s], t[s], f) > least:
+        if pairs >= many or promise(model, picture, gates, r[s], t[s], f) > least:
             work += GROWTH * n
             score, focal, count = grow(model, picture, gates, match[s], r[s], t[s], f, pairs)
             if score > -math.inf:

@@ -5,14 +5,16 @@ of any size, but not without bounds (`of_scale`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark.errors import g2, g3
 from windmark.geometry.order import median
 from windmark.registration import rules
 from windmark.registration.settle._kernels.state import EXCESS, TAKEN
-from windmark.registration.settle.common import is_too_loose
+from windmark.registration.settle.common import is_too_loose, other_labels
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import Limits
 
@@ -161,11 +163,33 @@ def lead(best: Solution, other: Solution, limits: Limits) -> float:
     """
     if best.is_bent:
         return best.lead_over(other)
-    return best.lead_over(other) + of_scale(best, limits) - of_scale(other, limits)
+    by_all, by_common = best.leads_over(other)
+    by_all += of_scale(best, limits) - of_scale(other, limits)
+    return by_all if math.isinf(by_common) else min(by_all, by_common + _scale_by_common(best, other, limits))
 
 
-def of_scale(solution: Solution, limits: Limits) -> float:
-    """What an unknown sigma of the residuals adds to the evidence of a solution (nats).
+def shift_of(best: Solution, others: Sequence[Solution], limits: Limits) -> Solution | None:
+    """Another labelling that only spots speak against which it leaves, and may leave: a board beyond its table."""
+    for other in others if not best.is_bent else ():
+        if other.is_bent or not other_labels(best, other, rules.SHIFTED):
+            continue
+        if best.lead_by_missing(other) >= limits.margin:
+            continue
+        by_common = best.lead_by_common(other, range(len(best.counts)))
+        if by_common + _scale_by_common(best, other, limits) < limits.margin:
+            return other
+    return None
+
+
+def _scale_by_common(best: Solution, other: Solution, limits: Limits) -> float:
+    """What an unknown sigma adds to the lead (nats) by the spots that both explain."""
+    both = [np.intersect1d(best.pairs(c)[0], other.pairs(c)[0]) for c in range(len(best.counts))]
+    return of_scale(best, limits, both) - of_scale(other, limits, both)
+
+
+def of_scale(solution: Solution, limits: Limits, spots: Sequence[NDArray[np.int64]] | None = None) -> float:
+    """What an unknown sigma of the residuals adds to the evidence of a solution (nats), by all its pairs or those with
+    some ``spots`` of each camera.
 
     `Solution.evidence` takes it as the gates have it, which are kept a little open while labels may be wrong. Of many
     pairs that is what the residuals say; of few it blunts what fits, and flatters what does not.
@@ -176,7 +200,8 @@ def of_scale(solution: Solution, limits: Limits) -> float:
     """
     total = 0.0
     for c in solution.seeing:
-        marker = solution.pairs(c)[1]
+        spot, marker = solution.pairs(c)
+        marker = marker if spots is None else marker[np.isin(spot, spots[c])]
         redundancy = 2 * len(marker) - float(solution.state.numbers[c, TAKEN])
         if redundancy <= 0.0:
             continue

@@ -4,6 +4,9 @@ A flat model that bows along the line of sight looks like one that is turned a l
 straight model, and its root is turned against it. Where the bow is lost in the noise nothing of it can be in the
 residuals; how large it may be, and how far the root is turned then, the normal equations say to first order.
 
+A regular layout of which the picture's border hides one end may go on beyond its table at the other: shifted by a row,
+the labels fit as well, and no spot is left to say so.
+
 A second model of which few markers are seen is no evidence: what a spot more is worth must first pay for the pose.
 """
 
@@ -33,6 +36,24 @@ COPY = (
 COPY_UNSEEN = (
     "whether the model is in the picture a second time was not looked for to the end, as the work was over (max_time_s)"
 )
+
+
+SHIFT = (
+    "whether the layout goes on beyond its table: with {other} where {best} is now, and all others shifted alike, it "
+    "fits as well and leaves only spots that could be more of the same rows"
+)
+
+
+def unchecked_shift(best: Solution, shifted: Solution | None) -> list[Unchecked]:
+    """What is to be said of a labelling that is shifted, if there is one."""
+    if shifted is None:
+        return []
+    c = best.seeing[0]
+    (spot, marker), (there, other) = best.pairs(c), shifted.pairs(c)
+    _, one, two = np.intersect1d(spot, there, return_indices=True)
+    names = best.views.planes[c].task.markers.name
+    middle = len(one) // 2
+    return [Unchecked("shift", SHIFT.format(best=names[marker[one[middle]]], other=names[other[two[middle]]]), c)]
 
 
 def unchecked_bend(look: Look) -> list[Unchecked]:

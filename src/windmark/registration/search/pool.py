@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.geometry import Pose
+from windmark.registration import rules
 from windmark.registration._kernels.best import ALIKE_SHARE, ALIKE_TRACE, Best, keep, room_for_best
 from windmark.registration.cached import cached_property
 from windmark.registration.search.layout import Frame
@@ -41,6 +42,14 @@ class Candidate:
         return shared > ALIKE_SHARE * min(self.count, count)
 
 
+def is_rival(score: float, count: int, least: float, best_count: int) -> bool:
+    """Whether a candidate may rival the best one: by its score, or as it explains nearly as many spots.
+
+    Those may be all that counts (`settle.common`).
+    """
+    return score > least or (score > -np.inf and count >= rules.AS_MANY * best_count)
+
+
 class Pool:
     """The best distinct solutions: ``best`` for the kernels, and an object for each of them.
 
@@ -61,14 +70,15 @@ class Pool:
         return room_for_best(*self._room)
 
     def top(self, count: int | None = None, within: float = np.inf) -> list[Candidate]:
-        """The candidates, best first; so many, and none with a score that is so much below the best or more."""
+        """The candidates, best first; so many, and none that is no rival of the best (`is_rival`)."""
         kept = int(self.best.serial[self._room[0]])
         if self._order[0] != kept:
             score = self.best.score.tolist()
             self._order = kept, sorted(range(len(score)), key=lambda n: -score[n]), score
         _, order, score = self._order
-        least = score[order[0]] - within
-        return [self._candidate(n) for n in order[:count] if score[n] > least]
+        least, count_of = score[order[0]] - within, self.best.matched
+        best = int(count_of[order[0]])
+        return [self._candidate(n) for n in order[:count] if is_rival(score[n], int(count_of[n]), least, best)]
 
     def add(self, rotation: Array, translation: Array, focal_px: float, score: float, match: NDArray[np.int32]) -> None:
         """Keep a solution of the unit model unless one like it is as good."""

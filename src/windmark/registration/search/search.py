@@ -29,7 +29,7 @@ from windmark.registration.labelled import poses_of
 from windmark.registration.search import links
 from windmark.registration.search.layout import REACHES
 from windmark.registration.search.plane import Plane
-from windmark.registration.search.pool import Candidate, Pool
+from windmark.registration.search.pool import Candidate, Pool, is_rival
 from windmark.registration.search.trials import CHECKS, PRIOR_SLACK, STAGES, WORK, Trial, Trials
 from windmark.registration.task import with_focal
 
@@ -87,7 +87,7 @@ class Search:
         return next(iter(self.top(1) or self.contradictions(1)), None)
 
     def top(self, count: int, within: float = np.inf) -> list[Candidate]:
-        """The best distinct candidates that have the labels, best first; none so much (nats) below the best or more."""
+        """The best distinct candidates that have the labels, best first, see `Pool.top`."""
         if not self.task.fixed:
             return self._free.top(count, within)
         distinct: list[Candidate] = []
@@ -96,7 +96,8 @@ class Search:
                 new.is_like(old.cam_from_model.rotation, old.match, old.count) for old in distinct
             ):
                 distinct.append(new)
-        return [c for c in distinct[:count] if c.score > distinct[0].score - within]
+        best = distinct[0] if distinct else None
+        return [c for c in distinct[:count] if best and is_rival(c.score, c.count, best.score - within, best.count)]
 
     def contradictions(self, count: int) -> list[Candidate]:
         """The best candidates that do not have all labels."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.registration import rules
+from windmark.registration.settle._kernels.label import GATE
 
 if TYPE_CHECKING:
     from windmark.registration.settle.solution import Solution
@@ -20,23 +22,48 @@ def is_too_loose(solution: Solution, c: int) -> bool:
     return rules.MISFIT * float(solution.misfit_px[c]) > solution.views.planes[c].task.tolerance_px
 
 
-def where_both(a: Solution, b: Solution, c: int) -> float | None:
-    """The lead of one solution over another from the spots that both explain, where a regular layout goes on in the
-    picture beyond its table; None where it does not.
+def other_labels(a: Solution, b: Solution, part: float) -> bool:
+    """Whether a labelling of nearly as many spots, this part at least, is mostly another one."""
+    return bool(b.count >= part * a.count and a.shared(b) <= rules.SAME_SHARE)
+
+
+def goes_on(a: Solution, b: Solution, c: int) -> bool:
+    """Whether a regular layout goes on beyond its table in a picture that one solution explains, and another one.
 
     A board that is larger than its table shows as many spots under a labelling that is shifted by a row: those beyond
     the table, which the one explains and the other does not. They are no chance, so how many each of the two finds is
-    no evidence. What a solution explains whose misfit is as wide as the neighbourhood of the search is chance.
+    no evidence; nor is it where the border of the picture cuts the board and few are left. What a solution explains
+    whose misfit is as wide as the neighbourhood of the search is chance.
     """
-    if rules.AS_MANY * a.count >= b.count or a.shared(b) > rules.SAME_SHARE or is_too_loose(b, c):
-        return None
+    if not other_labels(a, b, rules.AS_MANY) or is_too_loose(b, c):
+        return False
+    spot_a, (spot_b, marker_b) = a.pairs(c)[0], b.pairs(c)
+    only_a, only_b = np.setdiff1d(spot_a, spot_b), np.flatnonzero(~np.isin(spot_b, spot_a))
+    if len(only_b) > 1 and 2 * len(only_b) >= len(only_a):
+        return True
+    return not _by_chance(b, c, marker_b, only_b, len(a.views.planes[c].task.xy) - len(spot_a))
+
+
+def of_both(a: Solution, b: Solution, c: int) -> float:
+    """The lead (nats) of one solution over another from the spots of a camera that both explain."""
     (spot_a, marker_a), (spot_b, marker_b) = a.pairs(c), b.pairs(c)
-    both, at_a, at_b = np.intersect1d(spot_a, spot_b, assume_unique=True, return_indices=True)
-    only_a, only_b = len(spot_a) - len(both), len(spot_b) - len(both)
-    if 2 * only_b < only_a or only_b < 2:
-        return None
-    worth = (_worth_of(s, c, marker[at]).sum() for s, marker, at in ((a, marker_a, at_a), (b, marker_b, at_b)))
-    return float(next(worth) - next(worth))
+    _, at_a, at_b = np.intersect1d(spot_a, spot_b, assume_unique=True, return_indices=True)
+    return float(_worth_of(a, c, marker_a[at_a]).sum() - _worth_of(b, c, marker_b[at_b]).sum())
+
+
+def _by_chance(b: Solution, c: int, marker: NDArray[np.int64], rest: NDArray[np.int64], spare: int) -> bool:
+    """Whether so many of some ``spare`` spots, anywhere in the picture, may be where ``b`` has more markers.
+
+    Poisson's law, of as many places as ``b`` has markers in view besides those whose spots another one explains, too.
+    """
+    if not len(rest):
+        return True
+    xx, xy, yy = b.state.spread[c, marker[rest]].T
+    gate = math.pi * GATE * float(np.sqrt(xx * yy - xy * xy).mean())
+    expected = b.state.must[c] | (b.state.match[c] >= 0)
+    places = int(expected.sum()) - (len(marker) - len(rest))
+    mean = places * spare * gate / math.prod(b.views.planes[c].task.camera.size_px)
+    return bool(len(rest) * math.log(mean) - math.lgamma(len(rest) + 1) > -rules.NO_CHANCE)
 
 
 def _worth_of(solution: Solution, c: int, marker: NDArray[np.int64]) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from windmark.registration.cached import cached_property
 from windmark.registration.settle._kernels import state as at
 from windmark.registration.settle._kernels.state import State
 from windmark.registration.settle._kernels.worth import smooth_kernel, worth_kernel
-from windmark.registration.settle.common import where_both
+from windmark.registration.settle.common import goes_on, of_both
 from windmark.registration.settle.views import Views
 
 Array = NDArray[np.float64]
@@ -261,15 +262,27 @@ class Solution:
         No lead is one that comes from an image border that hides what would be missing, from random errors where
         smooth ones of lens or table would do, or from the edge of the table where the picture goes on beyond it.
         """
+        return min(self.leads_over(other))
+
+    def leads_over(self, other: Solution) -> tuple[float, float]:
+        """`lead_over` by all spots, and by those that both explain where only these count (infinite elsewhere)."""
         pairs = self._of(at.PAIRS) - other._of(at.PAIRS)
         alone, closed = (self._hiding(r) - other._hiding(r) for r in (at.ALONE, at.CLOSED))
         smooth = self._of(at.SYSTEMATIC) - other._of(at.SYSTEMATIC)
         leads = [float(np.sum(pairs + hiding + s)) for hiding in (alone, closed) for s in (0.0 * smooth, smooth)]
-        common = [where_both(self, other, c) for c in range(len(self.counts))]
-        if any(lead is not None for lead in common):
-            shared = sum(lead for lead in common if lead is not None)
-            leads += [float(shared), float(shared + smooth.sum())]
-        return min(leads) + self.freedom - other.freedom
+        where = [c for c in range(len(self.counts)) if goes_on(self, other, c)]
+        common = self.lead_by_common(other, where) if where else math.inf
+        return min(leads) + self.freedom - other.freedom, common
+
+    def lead_by_common(self, other: Solution, cameras: Sequence[int]) -> float:
+        """The lead (nats) by the spots of some cameras that both solutions explain, in the reading that is worst."""
+        smooth = float((self._of(at.SYSTEMATIC) - other._of(at.SYSTEMATIC)).sum())
+        common = sum(of_both(self, other, c) for c in cameras)
+        return common + min(smooth, 0.0) + self.freedom - other.freedom
+
+    def lead_by_missing(self, other: Solution) -> float:
+        """The lead (nats) by the markers in view that have no spot."""
+        return float((self._hiding(at.ALONE) - other._hiding(at.ALONE)).sum())
 
     def _hiding(self, reading: int) -> Array:
         return np.maximum(self._of(reading), self._of(at.PIECES))
