@@ -69,6 +69,10 @@ class Equations:
         b = (self._whitener @ columns).reshape(self.residual.size, -1)
         return self._added(b, self.jacobian, self.residual.ravel())
 
+    def held(self, which: NDArray[np.int64]) -> Added:
+        """Law parameters (by number) that the adjustment holds at their bounds; the laws come first."""
+        return self._added(self.jacobian[:, which], self.jacobian, self.residual.ravel())
+
     def laws_of(self, view: int) -> Added:
         """Changes of the laws' parameters that one view alone sees."""
         rows, laws = slice(2 * view, 2 * view + 2), len(self.solved.task.volumes.names)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from windmark.deformation.attached import unattached
+from windmark.deformation.bounds import Bounds, at_bounds
 from windmark.deformation.equations import Equations
 from windmark.deformation.lost import lost
 from windmark.deformation.misfit import Misfit
@@ -38,6 +39,7 @@ class Verdict:
     misfit : what the laws lack, None for nothing
     doubts : sentences
     unchecked : what the images do not tell, and the covariances do not contain
+    bounds : what parameters at their bounds may have done, None where there are none
     suspect : names of markers, views and volumes that contradict the rest
     """
 
@@ -45,6 +47,7 @@ class Verdict:
     misfit: Misfit | None = None
     doubts: tuple[Doubt, ...] = ()
     unchecked: tuple[Doubt, ...] = ()
+    bounds: Bounds | None = None
 
     @property
     def suspect(self) -> tuple[str, ...]:
@@ -58,9 +61,15 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
     doubts, unknown = [*beside, *lost(solved)], tuple(unchecked)
     chi2, redundancy = solved.chi2, solved.redundancy
     equations = Equations(solved) if redundancy >= 1 else None
+    bounds = None if equations is None else at_bounds(equations, FALSE)
+    if bounds is not None and bounds.doubts:
+        # What else does not fit need not be at fault: the bound bends everything.
+        chi2, redundancy = chi2 - bounds.test, redundancy - bounds.rank
+        scale = chi2 / redundancy if chdtrc(redundancy, chi2) < FALSE else 1.0
+        return solved, Verdict(scale, None, bounds.doubts, unknown, bounds)
     # Residuals as small as stated may hide two pictures of different moments, and no more than these.
     if equations is None or (chi2 <= redundancy and not doubts and asked_for(equations) is None):
-        return solved, Verdict(doubts=tuple(doubts), unchecked=unknown)
+        return solved, Verdict(doubts=tuple(doubts), unchecked=unknown, bounds=bounds)
     pattern = pattern_of(equations) if chi2 > redundancy else None
     best = price(solved, pattern)
     apart = two_moments(equations, best, pattern is not None)
@@ -85,7 +94,7 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
         doubts.append(Doubt((), f"residuals are {g2(np.sqrt(scale))} times as large as stated{besides} (sigma0): "
                             "spots or the table of markers are less certain, or the laws too simple",
                             "noise"))  # fmt: skip
-    return solved, Verdict(scale, pattern.misfit if pattern else None, tuple(doubts), unknown)
+    return solved, Verdict(scale, pattern.misfit if pattern else None, tuple(doubts), unknown, bounds)
 
 
 def _lacking(solved: Solved, pattern: Pattern) -> list[Doubt]:

@@ -67,7 +67,8 @@ class Deformation:
     sigma0 : 1 where the residuals are as large as the covariances say; NaN without redundancy
     chi2, redundancy : sum of squared whitened residuals, priors included, and its expected value
     from_prior : names of law parameters that the images hardly tell: known from their prior alone
-    at_bound : names of law parameters that ended at a bound; the covariance takes these as known there
+    at_bound : names of law parameters that ended at a bound; the covariance has how far beyond it the images put them,
+        and where they contradict it that is a doubt
     report : why the solve stopped
     options : everything it was made with
     doubts : what contradicts the rest; ``warnings`` are their sentences

@@ -15,8 +15,9 @@ class Doubt:
     names : of markers, views, cameras or parameters
     words : a sentence with ``{}`` for each name, in their order; of many names for the first ones
     cause : what it is about, for the verdict on the whole: "moved" (a camera), "swapped", "marker", "picture",
-        "attached" (a part to another one), "bent" (a law that is too simple), "noise", "focal", "principal" (point),
-        "focus" (that nothing checks), "control", "table", "layout"; "" for anything else
+        "attached" (a part to another one), "bent" (a law that is too simple), "bound" (of a law's parameter, which
+        the images contradict), "noise", "focal", "principal" (point), "focus" (that nothing checks), "control",
+        "table", "layout"; "" for anything else
     """
 
     names: tuple[str, ...]
