@@ -20,6 +20,7 @@ from windmark.pipeline.verdict import BAD, CAUSES, DOUBTFUL, GOOD, Finding, Verd
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.pipeline.verdict.doubts import STEPS
 from windmark.pipeline.verdict.errors import error_verdict
+from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.grid import units_findings
 from windmark.pipeline.verdict.infrared import infrared_verdict
 from windmark.pipeline.verdict.network import _left_out, reconstruct_verdict
@@ -32,6 +33,7 @@ from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import NotRegistered, register
 from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
 from windmark.scene import Detections, MarkerSet, Mesh
+from windmark.scene.repeated import ONCE_MORE
 from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.deform.task import Sight
 from windmark.tasks.psp.taps import TapTable
@@ -396,6 +398,16 @@ def test_pictures_that_took_no_part_are_doubted_where_they_are_no_single_ones(ou
     found = _left_out(reasons, count)
     assert [(f.word, f.cause) for f in found] == ([(DOUBTFUL, "lost")] if said else [])
     assert not said or found[0].reason == f"{out} of {count} pictures took no part; P0: out of focus"
+
+
+def test_one_picture_that_is_there_twice_is_said_of_any_series():
+    fine = Sight(20, 20, "", 0.0, 0.7, 3.0)
+    copy = replace(fine, reason=f"the picture before once more ({ONCE_MORE}): it is of another instant")
+    instants = [Followed(f"frame {k}", {"cam1": copy if k == 40 else fine}) for k in range(100)]
+    (found,) = followed_findings(instants, "mm")
+    assert (found.word, found.cause) == (DOUBTFUL, "file")
+    assert found.reason.startswith("cam1 shows in frame 40 what it showed before")
+    assert not followed_findings(instants[:40], "mm")
 
 
 def test_what_following_found_is_said_of_every_series():

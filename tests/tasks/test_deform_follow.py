@@ -9,6 +9,7 @@ from windmark.deformation import Volumes
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform import DeformationTest, FrameImages, Station, follow_deformation
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.repeated import ONCE_MORE
 from windmark.synth import disc_image
 from windmark.tasks.deform import follow as follow_module
 from windmark.tasks.deform import sights as sights_module
@@ -81,6 +82,19 @@ def test_a_jump_that_the_search_of_the_whole_image_refuses_is_followed_by_the_ne
     assert "refused" in jumped.reason
     assert jumped.state.tunnel_from_model.translation[:2] == pytest.approx([18, -6], abs=0.02)
     assert sorted(jumped.observations.point.tolist()) == list(range(len(PLACES)))
+
+
+def test_a_picture_that_shows_what_the_one_before_showed_is_said_and_no_other():
+    """A recording that dropped a picture gives the one before it once more; a model that stands still has new noise."""
+    test = DeformationTest((Station("cam", CAMERA, AWAY),), markers(), Volumes.of([]), look=LookOptions((5.0,)))
+    rng = np.random.default_rng(5)
+    still, again, moved = (image(s) + rng.integers(0, 4, (300, 400), np.uint8) for s in ((0, 0), (0, 0), (1, 0)))
+    frames = [FrameImages(str(k), float(k), {"cam": i}) for k, i in enumerate([still, again, moved, moved.copy()])]
+    reasons = [(f.reason, f.cameras["cam"].reason) for f in follow_deformation(frames, test)]
+    assert [ONCE_MORE in in_frame and ONCE_MORE in of_camera for in_frame, of_camera in reasons] == [
+        False, False, False, True,
+    ]  # fmt: skip
+    assert reasons[0] == reasons[1] == reasons[2] == ("", "")
 
 
 def test_a_disc_that_the_border_cuts_takes_no_part_until_it_is_whole_again():

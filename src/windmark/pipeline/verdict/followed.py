@@ -10,18 +10,31 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.doubts import as_finding
 from windmark.pipeline.verdict.picture import series_blur, series_fields
 from windmark.pipeline.verdict.reasons import told_by
-from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
+from windmark.pipeline.verdict.verdict import DOUBTFUL, NO_COPY, Finding
+from windmark.scene.repeated import ONCE_MORE
 
 
 def followed_findings(instants: Sequence[Followed], unit: str) -> list[Finding]:
     """Of the instants that have a state; ``unit`` is that of the lengths."""
     return [
+        *_copies(instants),
         *_doubts(instants),
         *_cameras(instants),
         *_odd_markers(instants, unit),
         *series_blur((name, s.blur_px, s.radius_px) for at in instants for name, s in at.cameras.items()),
         *series_fields((name, s.fields_px) for at in instants for name, s in at.cameras.items()),
     ]
+
+
+def _copies(instants: Sequence[Followed]) -> list[Finding]:
+    """Pictures that show what those before them show, noise and all."""
+    copies = [(name, at.key) for at in instants for name, s in at.cameras.items() if ONCE_MORE in s.reason]
+    if not copies:
+        return []
+    name, key = copies[0]
+    more = f", and {len(copies) - 1} more such" if len(copies) > 1 else ""
+    said = f"{name} shows in {key} what it showed before ({ONCE_MORE}){more}: that is of another instant"
+    return [Finding(DOUBTFUL, "file", said, NO_COPY)]
 
 
 def _doubts(instants: Sequence[Followed]) -> list[Finding]:
@@ -44,7 +57,8 @@ def _doubts(instants: Sequence[Followed]) -> list[Finding]:
 
 def _cameras(instants: Sequence[Followed]) -> list[Finding]:
     """The camera that saw least of what it should, or was left out, where that is in more than some of the instants."""
-    sights = [(name, at.key, s) for at in instants for name, s in at.cameras.items() if s.reason]
+    sights = [(name, at.key, s) for at in instants for name, s in at.cameras.items()
+              if s.reason and ONCE_MORE not in s.reason]  # fmt: skip
     if len({key for _, key, _ in sights}) <= rules.SOME * len(instants):
         return []
     name, key, sight = min(sights, key=lambda at: at[2].found / max(at[2].expected, 1))

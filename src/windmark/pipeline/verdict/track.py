@@ -15,7 +15,8 @@ from windmark.pipeline.verdict.picture import PictureState, picture_findings, se
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import what_is_left
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
-from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, NO_COPY, Finding, Verdict
+from windmark.scene.repeated import ONCE_MORE, is_repeated
 
 
 def track_verdict(rows: Sequence[PoseRow], unit: str, first: PictureState | None = None) -> Verdict:
@@ -86,14 +87,13 @@ def _copies(rows: Sequence[PoseRow]) -> list[Finding]:
         return []
     name, of = copies[0]
     more = f", and {len(copies) - 1} more such" if len(copies) > 1 else ""
-    said = f"{name} is {of} once more (no spot differs by a tenth of its noise){more}: its pose is of another instant"
-    return [Finding(DOUBTFUL, "file", said, "leave the copy out, and look whether the recording dropped pictures")]
+    said = f"{name} is {of} once more ({ONCE_MORE}){more}: its pose is of another instant"
+    return [Finding(DOUBTFUL, "file", said, NO_COPY)]
 
 
 def _same(a: PoseRow, b: PoseRow) -> bool:
     (marker_a, at_a), (marker_b, at_b) = a.matches, b.matches
-    _, i, j = np.intersect1d(marker_a, marker_b, return_indices=True)
-    return bool(len(i) >= rules.FEW and np.abs(at_a[i, :2] - at_b[j, :2]).max() < 0.1 * b.spot_px)
+    return is_repeated(marker_a, at_a[:, :2], marker_b, at_b[:, :2], b.spot_px)
 
 
 def _few(good: Sequence[PoseRow]) -> list[Finding]:

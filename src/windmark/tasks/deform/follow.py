@@ -15,10 +15,11 @@ from windmark.deformation import Deformation, NotIdentified
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
 from windmark.scene import Detections, MarkerSet, Observations
+from windmark.scene.repeated import ONCE_MORE
 from windmark.tasks.deform.between import Shots, open_shots
 from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
-from windmark.tasks.deform.sights import Usual, sight
+from windmark.tasks.deform.sights import Usual, once_more, sight
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
 from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
 from windmark.tasks.deform.task import (
@@ -146,6 +147,7 @@ class _Follower:
             self._usual.learn_odd(spots, self._test, labelled, state, self._hidden)
         self._usual.forget_odd(labelled, state.used)
         sights = self._sights(frame, images, bad, labelled, state)
+        troubles += [f"{n}: {s.reason}" for n, s in sights.items() if ONCE_MORE in s.reason]
         self._remember(state, labelled, errors, frame.instant, status)
         troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]
         self._usual.learn(images, self._test, labelled, sights, anew=status == "cold")
@@ -172,6 +174,8 @@ class _Follower:
                 out[name] = sight(
                     images[name], self._test, station, spots, self._usual, state is None, known, hidden, lag
                 )  # fmt: skip
+                if memory is not None and not out[name].reason:
+                    out[name] = replace(out[name], reason=once_more(memory.labelled.get(name), spots))
         return out
 
     def _read(self, frame: FrameImages) -> tuple[dict[str, Image], dict[str, str]]:

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from windmark.deformation import Deformation
 from windmark.detection.fields import field_shift
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.repeated import ONCE_MORE, is_repeated
 from windmark.tasks.deform.memory import displaced
 from windmark.tasks.deform.spots import Labelled
 from windmark.tasks.deform.task import DeformationTest, Image, Sight, Station
@@ -118,3 +119,13 @@ def sight(
     odd = {str(test.markers.name[m]): far for m, far in usual.odd.get(name, {}).items()}
     fields = field_shift(image, spots.xy, spots.radius_px).sure_px
     return Sight(spots.expected, count, why, lag_s, spots.known.frame.blur_px, spots.radius_px, fields, odd)
+
+
+def once_more(before: Labelled | None, now: Labelled) -> str:
+    """That a camera shows what it showed before, noise and all; empty where it does not."""
+    if before is None or not len(now.marker):
+        return ""
+    sigma = float(np.sqrt(np.median(np.trace(now.cov, axis1=1, axis2=2)) / 2))
+    if not is_repeated(before.marker, before.xy, now.marker, now.xy, sigma):
+        return ""
+    return f"the picture before once more ({ONCE_MORE}): it is of another instant"
