@@ -37,6 +37,23 @@ def test_free_network_finds_cameras_poses_and_markers():
     assert np.abs(fit.translation).max() < 1e-6
 
 
+def test_a_picture_that_is_there_twice_counts_once():
+    """Else its noise would count as an error of all others, and the sigmas would be too small."""
+    observations, markers, cameras, views, _ = networks.nouns(networks.make(31, points=40, views=6))
+    once = self_calibrate(observations, markers, cameras, views, datum=Free())
+    mine = observations.view == 2
+    twice = Observations(*(
+        np.concatenate([whole, again]) for whole, again in (
+            (observations.view, np.full(mine.sum(), len(views))), (observations.point, observations.point[mine]),
+            (observations.xy, observations.xy[mine]), (observations.cov, observations.cov[mine]),
+        )
+    ))  # fmt: skip
+    both = self_calibrate(twice, markers, cameras, [*views, replace(views[2], name="copy")], datum=Free())
+    assert both.dropped["copy"].startswith(f"{views[2].name} once more")
+    assert "copy" not in [v.name for v in both.views]
+    np.testing.assert_allclose(both.marker_cov, once.marker_cov, rtol=1e-6)
+
+
 def test_a_shear_is_found_with_its_sigma_and_is_nothing_where_there_is_none():
     """x gets 1.5e-3 of y: 1.5 px at the border, which no other parameter of these pictures shows."""
     for shear in (0.0, 1.5e-3):

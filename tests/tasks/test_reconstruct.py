@@ -186,6 +186,18 @@ def test_given_poses_and_rough_coordinates_are_other_beginnings():
         assert np.isin(np.flatnonzero(case.views_of >= 3), who).all()
 
 
+def test_a_picture_that_is_there_twice_takes_part_once():
+    case = scenes.make(13, "plate", views=6, points=60)
+    rough, _ = case.perturbed(1)
+    poses = [Pose(rough.rotation[k], rough.translation[k]) for k in (*range(6), 1)]
+    views = [View(f"v{k}", cam_from_model=pose) for k, pose in enumerate(poses)]
+    once = reconstruct(case.detections, case.camera, primaries(case), views=views[:6])
+    both = reconstruct([*case.detections, case.detections[1]], case.camera, primaries(case), views=views)
+    assert both.dropped["v6"].startswith("v1 once more")
+    assert len(both.markers) == len(once.markers)
+    np.testing.assert_allclose(both.markers.sigma, once.markers.sigma, rtol=1e-6)
+
+
 def test_given_poses_find_the_primaries_by_their_places():
     """A square of primaries fits in eight ways; the poses say which. The spots are worse than they say, too."""
     case = scenes.make(13, "plate", views=6, points=60)

@@ -25,6 +25,7 @@ from windmark.errors import g3
 from windmark.geometry import Camera, DegenerateGeometry, Pose
 from windmark.options.calibration import ECCENTRICITY, MAX_SIGMA0, SOLVER
 from windmark.scene import MarkerSet, Observations, View
+from windmark.scene.repeated import ONCE_MORE, repeated_views
 from windmark.scene.shown import by_name, check_kinds, list_of
 from windmark.scene.units import RADII_OFF, radii_words
 
@@ -278,6 +279,10 @@ def _start(job: Job, cameras: Mapping[str, Camera], seed: int) -> tuple[Mask, Ne
                 good[obs.view == v] = False
                 count = int((obs.view == v).sum())
                 dropped[job.views[v].name] = f"view without a pose: {count} marks (four are needed, not on one line)"
+    for v, first in repeated_views(obs.view, obs.point, obs.xy, obs.cov).items():
+        if good[obs.view == v].any():
+            good[obs.view == v] = False
+            dropped[job.views[v].name] = f"{job.views[first].name} once more: {ONCE_MORE}"
     if not taking_part(job, good)[0].any():
         return good, None, dropped
     return good, first_state(job, found, poses), dropped

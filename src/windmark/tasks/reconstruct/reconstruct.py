@@ -14,6 +14,7 @@ from windmark.calibration import Calibration, Distance
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Tracks, View
+from windmark.scene.repeated import ONCE_MORE
 from windmark.scene.shown import by_name, check_kinds, list_of, optional
 from windmark.tasks.reconstruct.again import Answers, asked_again
 from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, off_their_table, radii_differ
@@ -118,6 +119,9 @@ def reconstruct(
         v.name: f"{len(d)} spots, at least {FEWEST_SPOTS} are needed"
         for v, d in zip(task.views, task.detections, strict=True)
         if len(d) < FEWEST_SPOTS
+    }
+    dropped |= {
+        task.views[v].name: f"{task.views[first].name} once more: {ONCE_MORE}" for v, first in task.repeated.items()
     }
     if distances and primary is not None:
         raise UsageError("reconstruct: distances give a free frame its scale; with primaries leave them out")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from windmark.errors import UsageError
 from windmark.geometry import PARAMETERS, Camera, Pose
 from windmark.scene import Detections, MarkerCovariance, MarkerSet, View
+from windmark.scene.repeated import repeated_views
 
 Array = NDArray[np.float64]
 Labels = Mapping[str, Mapping[int, str]]
@@ -108,8 +110,15 @@ class Task:
 
     @property
     def usable(self) -> list[int]:
-        """Views with spots enough."""
-        return [v for v, d in enumerate(self.detections) if len(d) >= FEWEST_SPOTS]
+        """Views with spots enough, and no other view's once more."""
+        return [v for v, d in enumerate(self.detections) if len(d) >= FEWEST_SPOTS and v not in self.repeated]
+
+    @cached_property
+    def repeated(self) -> dict[int, int]:
+        """View -> an earlier one that it shows once more."""
+        view = np.repeat(np.arange(len(self.detections)), [len(d) for d in self.detections])
+        xy, cov = (np.concatenate([getattr(d, n) for d in self.detections]) for n in ("xy", "cov"))
+        return repeated_views(view, None, xy, cov) if len(view) else {}
 
     @property
     def given(self) -> dict[int, Pose]:
