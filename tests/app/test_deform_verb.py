@@ -233,12 +233,59 @@ def test_a_camera_that_contradicts_the_other_is_left_out_until_it_agrees(copy, w
     assert second[0]["reason"].startswith("left out")
 
 
-@pytest.mark.slow
-def test_a_camera_that_is_not_where_its_file_says_is_no_measurement(copy, windmark):
-    """Of two cameras nobody knows which one was moved: nothing is measured, where one was by a degree."""
-    camera, pose = io.read_camera(copy / "cam2.json")
+SECOND = '[[camera]]\nname = "cam2"\nfile = "cam2.json"\nimages = "images/cam2-*.tif"\n'
+
+
+def turned_by_a_degree(folder):
+    """The second camera is not where its file says."""
+    camera, pose = io.read_camera(folder / "cam2.json")
     turned = Pose.from_rotvec([0.0, np.radians(1.0), 0.0], np.zeros(3)) @ pose
-    io.write_camera(copy / "cam2.json", camera, turned, unit="mm")
+    io.write_camera(folder / "cam2.json", camera, turned, unit="mm")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
+def test_a_camera_that_is_not_where_its_file_says_is_named_by_the_markers_on_walls(copy, windmark):
+    """The other one measures what it measures by itself."""
+    shutil.copy(copy / "deform.toml", copy / "one.toml")
+    one_camera = edited(copy, (SECOND, ""), name="one.toml")
+    assert windmark("deform", one_camera, "-o", copy / "one", "--json").code == 0
+    turned_by_a_degree(copy)
+    done = windmark("deform", copy / "deform.toml", "-o", copy / "both", "--json")
+    assert done.code == 0, done.err
+    said = done.json["verdict"]
+    assert (said["word"], said["cause"]) == ("doubtful", "moved")
+    assert "cam2 in frame 0: it is not where it is said to be: 11 markers on walls are" in said["reason"]
+    assert {r["spots"] for r in rows(copy / "both" / "cameras.csv") if r["camera"] == "cam2"} == {"0"}
+    one, both = (rows(copy / name / "deformation.csv") for name in ("one", "both"))
+    for a, b in zip(one, both, strict=True):
+        for name in ("wing.bend_2", "shift_y"):
+            assert float(a[name]) == pytest.approx(float(b[name]), abs=0.2 * float(a[f"sigma_{name}"]))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("px", [3, 8])
+def test_a_single_camera_that_was_bumped_measures_nothing(copy, windmark, px):
+    """The model alone would fit, with a motion that is the camera's."""
+    edited(copy, (SECOND, ""))
+    for k in range(3, FRAMES):
+        name = copy / "images" / f"cam1-{k:04d}.tif"
+        io.write_image(name, np.roll(io.read_image(name), px, axis=1))
+    done = windmark("deform", copy / "deform.toml", "--json")
+    assert done.code == 0, done.err
+    table = rows(copy / "deformation" / "deformation.csv")
+    assert [r["status"] for r in table] == ["cold", "tracked", "tracked", "lost", "lost", "lost"]
+    assert all("it is not where it is said to be" in r["reason"] for r in table[3:])
+    assert all(f"are {px} px from their places" in r["reason"] for r in table[3:])
+
+
+@pytest.mark.slow
+def test_of_two_cameras_without_walls_nobody_knows_which_one_was_moved(copy, windmark):
+    """Nothing is measured, where one was by a degree."""
+    text = (copy / "markers.csv").read_text().splitlines()
+    (copy / "markers.csv").write_text("\n".join(line for line in text if not line.endswith("wall")) + "\n")
+    turned_by_a_degree(copy)
     done = windmark("deform", copy / "deform.toml")
     assert done.code == 2
     assert "without cam1 or cam2 the rest is registered, so which of them is wrong is not clear" in done.err

@@ -15,12 +15,10 @@ from windmark.registration import NotRegistered, Registration, RigRegistration, 
 from windmark.scene import Detections, MarkerSet
 from windmark.tasks.deform.spots import Labelled, labelled_spots
 from windmark.tasks.deform.task import DeformationTest, Station
+from windmark.tasks.deform.walls import LEAST_WALL, off_its_walls
 from windmark.tasks.together import RigView, Together, register_together
 
 Ints = NDArray[np.int64]
-
-LEAST_WALL = 4
-"""So many markers on walls are wanted to find where a camera stands."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,10 @@ def anywhere(
     markers, options = test.markers.take(model), _model_options(test, model)
     labelled = {name: Labelled.none(why) for name, why in spots.items() if isinstance(why, str)}
     seen = {name: s for name, s in spots.items() if isinstance(s, Detections)}
+    off = {n: pool.submit(off_its_walls, s, test, test.station(n), _options(test)) for n, s in seen.items()}
+    moved = {name: why for name, job in off.items() if (why := job.result())}
+    labelled |= {name: Labelled.none(why) for name, why in moved.items()}
+    seen = {name: s for name, s in seen.items() if name not in moved}
     still = [test.station(n) for n in seen if n in in_step and not test.station(n).moves]
     found: RigRegistration | NotRegistered | None = None
     left_out: dict[str, str] = {}
@@ -70,7 +72,7 @@ def anywhere(
     at = found.rig_from_model if isinstance(found, RigRegistration) else Pose.identity()
     alone = {n: pool.submit(_alone, s, test, test.station(n), at) for n, s in seen.items() if n not in labelled}
     labelled |= {name: job.result() for name, job in alone.items()}
-    return Found({n: labelled[n] for n in spots}, left_out)
+    return Found({n: labelled[n] for n in spots}, left_out | moved)
 
 
 def reasons(labelled: Mapping[str, Labelled]) -> str:

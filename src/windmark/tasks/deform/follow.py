@@ -32,6 +32,7 @@ from windmark.tasks.deform.task import (
     as_given,
 )
 from windmark.tasks.deform.texture import Texture, texture_of, without_texture
+from windmark.tasks.deform.walls import LEAST_WALL, THERE
 
 Array = NDArray[np.float64]
 
@@ -229,6 +230,8 @@ class _Follower:
         placed = displaced(self._test.markers, expected)
         labelled = self._look_near(images, expected, placed, memory.error_px, memory.labelled, instant)
         self._last = labelled
+        if (gone := self._without_walls(labelled, memory.labelled)) is not None:
+            return f"{gone} lost the markers on walls"
         count = sum(len(s.marker) for s in labelled.values())
         usual = sum(len(memory.labelled[n].marker) for n in images if n in memory.labelled)
         if count < FEWER * usual:
@@ -245,6 +248,15 @@ class _Follower:
             if not isinstance(again, str) and len(again[2]) > count:
                 return again
         return answer, labelled, observations, error
+
+    def _without_walls(self, now: Mapping[str, Labelled], before: Mapping[str, Labelled]) -> str | None:
+        """A fixed camera that has lost most of its markers on walls, which do not move; None where all have theirs."""
+        wall = self._test.markers.role == "wall"
+        for name, own in now.items():
+            usual = int(wall[before[name].marker].sum()) if name in before else 0
+            if usual >= LEAST_WALL and not self._test.station(name).moves and wall[own.marker].sum() < THERE * usual:
+                return name
+        return None
 
     def _look_near(
         self, images: dict[str, Image], state: Deformation, placed: MarkerSet, error_px: dict[str, float],
@@ -303,7 +315,8 @@ class _Follower:
         """State, spots and observations from nothing; or why not, as text."""
         found = anywhere(spots, self._test, [n for n in spots if n not in self._shots], self._pool)
         labelled, self._left_out = found.labelled, found.left_out
-        self._last = {n: s for n, s in self._last.items() if n in labelled} or labelled
+        last = {n: s for n, s in self._last.items() if n in labelled and n not in self._left_out}
+        self._last = labelled | last
         seen = {n: s for n, s in labelled.items() if len(s.marker)}
         if not seen:
             return reasons(labelled)
