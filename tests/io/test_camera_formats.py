@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -388,3 +391,52 @@ def test_damaged_files_are_read_or_refused_but_never_crash(tmp_path, name):
         except FileError as error:
             refused += str(file.parent) in str(error)
     assert refused > 15
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"K": [[1600, 0, 480], [0, 1600, 300], [0, 0, 1]]}, "'K': another value than camera_matrix has"),
+        ({"dist": [0.1, 0, 0, 0, 0]}, "'dist': another value than distortion_coefficients has"),
+        ({"image_size": [480, 300]}, "'image_size': (480, 300) beside image_width and image_height of (960, 600)"),
+        ({"rvec": [180, 30, 2], "tvec": [0, 0, 900]}, "'rvec': a turn by 182.5 radians"),
+        ({"distortion_model": "plumb_bob", "camera_type": "KANNALA_BRANDT8"}, "'camera_type': 'KANNALA_BRANDT8'"),
+        ({"K": [[1500, 0, 480], [0, 1500, 300], [0, 0, 1]], "type": "Basler", "R": np.eye(3).tolist(),
+          "rvec": [0, 0, 0], "tvec": [0, 0, 9]}, ""),
+    ],
+)  # fmt: skip
+def test_an_opencv_file_that_contradicts_itself_is_refused(tmp_path, more, said):
+    content = {
+        "image_width": 960, "image_height": 600, "camera_matrix": [[1500, 0, 480], [0, 1500, 300], [0, 0, 1]],
+        "distortion_coefficients": [0, 0, 0, 0, 0],
+    }  # fmt: skip
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps(content | more))
+    if not said:
+        assert read_camera(path)[0].focal_px == 1500
+        return
+    with pytest.raises(FileError, match=re.escape(said)):
+        read_camera_file(path)
+
+
+@pytest.mark.parametrize("key", ["camera_type: KANNALA_BRANDT8", "model: fisheye", "calibration_type: Fisheye"])
+def test_other_programs_words_for_a_fisheye_lens(tmp_path, key):
+    path = tmp_path / "camera.yml"
+    write_camera(path, Camera((960, 600), 500.0, k1=0.1))
+    text = path.read_text().replace("[ 0.1, 0.0, 0.0, 0.0, 0.0 ]", "[ 0.1, 0.0, 0.0, 0.0 ]")
+    path.write_text(text.replace("cols: 5", "cols: 4") + f"{key}\n")
+    assert read_camera_file(path).camera.lens == "fisheye"
+
+
+@pytest.mark.parametrize(("name", "tag"), [("c.xml", "f"), ("cv.xml", "image_width")])
+def test_an_element_that_is_there_twice_is_refused(tmp_path, name, tag):
+    path = tmp_path / name
+    if name == "c.xml":
+        write_camera(path, Camera((960, 600), 1500.0))
+    else:
+        path.write_text("<opencv_storage><image_width>960</image_width></opencv_storage>")
+    text = path.read_text()
+    element = re.search(f"<{tag}>.*?</{tag}>", text)[0]
+    path.write_text(text.replace(element, element + element.replace("5", "6").replace("96", "97")))
+    with pytest.raises(FileError, match=f"<{tag}> is there 2 times"):
+        read_camera_file(path)

@@ -146,7 +146,7 @@ def _parse_xml(path: Pathlike, text: str, size_px: tuple[int, int] | None) -> Ca
     if root.tag == METASHAPE_ROOT:
         return parse_metashape(path, root)
     if root.tag == "opencv_storage":
-        return parse_opencv(path, xml_content(root), size_px)
+        return parse_opencv(path, xml_content(path, root), size_px)
     raise refuse_document(path, root.tag)
 
 

@@ -23,6 +23,7 @@ from typing import Any
 from windmark.geometry import Camera
 from windmark.io.atomic import atomic_write
 from windmark.io.cameras import record
+from windmark.io.cameras.opencv_text import refuse_doubles
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike
 
@@ -35,6 +36,7 @@ _OLD = ("fx", "fy", "skew")
 
 def parse_metashape(path: Pathlike, root: Any) -> record.CameraFile:
     """The camera of a parsed XML file."""
+    refuse_doubles(path, root)
     content = {child.tag: (child.text or "").strip() for child in root}
     kind = content.get("projection", content.get("type", "frame"))
     if kind != "frame":

@@ -30,11 +30,14 @@ ROTATION_KEYS = ("rvec", "R", "rotation_vector", "rotation_matrix", "rmat")
 TRANSLATION_KEYS = ("tvec", "T", "t", "translation_vector")
 _PLAIN_LENSES = ("", "plumb_bob", "rational_polynomial", "brown", "opencv", "radtan", "none")
 _FISHEYES = ("equidistant", "fisheye", "kannala_brandt", "kannalabrandt", "kannala_brandt4", "opencv_fisheye")
+_KINDS = ("camera_type", "calibration_type", "lens_model", "model", "type")
+"""Keys that other programs write beside OpenCV's; they say anything, of a lens too."""
+_FISHEYE_WORDS = ("fisheye", "fish_eye", "equidistant", "kannala")
 
 
 def has_camera_matrix(content: dict[str, Any]) -> bool:
     """Whether a parsed file has a camera matrix under one of OpenCV's usual names."""
-    return _first(content, MATRIX_KEYS) is not None
+    return any(content.get(key) is not None for key in MATRIX_KEYS)
 
 
 def parse_opencv(path: Pathlike, content: dict[str, Any], size_px: tuple[int, int] | None) -> record.CameraFile:
@@ -44,7 +47,7 @@ def parse_opencv(path: Pathlike, content: dict[str, Any], size_px: tuple[int, in
     image points, flags) are not read.
     """
     fisheye = _is_fisheye(path, content)
-    matrix_key, lens_key = _first(content, MATRIX_KEYS), _first(content, LENS_KEYS)
+    matrix_key, lens_key = _first(path, content, MATRIX_KEYS), _first(path, content, LENS_KEYS)
     if matrix_key is None:
         raise FileError(path, f"no camera matrix; expected one of the keys {', '.join(MATRIX_KEYS)}")
     if lens_key is None:
@@ -100,8 +103,15 @@ def _json(
     return to_json(content | ({"length_unit": unit} if unit else {})) + "\n"
 
 
-def _first(content: dict[str, Any], keys: tuple[str, ...]) -> str | None:
-    return next((key for key in keys if content.get(key) is not None), None)
+def _first(path: Pathlike, content: dict[str, Any], keys: tuple[str, ...]) -> str | None:
+    """The key that a thing has in this file; where it stands under several they must say the same."""
+    there = [key for key in keys if content.get(key) is not None]
+    for other in there[1:]:
+        # A rotation may be there as a vector and as a matrix.
+        one, two = (np.ravel(np.array(_plain(path, key, content[key]), dtype=object)) for key in (there[0], other))
+        if len(one) == len(two) and (one != two).any():
+            raise record.key_error(path, other, f"another value than {there[0]} has; expected one of them, or the same")
+    return there[0] if there else None
 
 
 def _plain(path: Pathlike, key: str, value: Any) -> Any:
@@ -118,10 +128,14 @@ def _plain(path: Pathlike, key: str, value: Any) -> Any:
 
 
 def _size(path: Pathlike, content: dict[str, Any]) -> tuple[int, int] | None:
-    if "image_width" in content and "image_height" in content:
-        return record.image_size(path, "image_width", [content["image_width"], content["image_height"]])
-    key = _first(content, SIZE_KEYS)
-    return None if key is None else record.image_size(path, key, content[key])
+    key = _first(path, content, SIZE_KEYS)
+    size = None if key is None else record.image_size(path, key, content[key])
+    if "image_width" not in content or "image_height" not in content:
+        return size
+    own = record.image_size(path, "image_width", [content["image_width"], content["image_height"]])
+    if key is not None and size != own:
+        raise record.key_error(path, key, f"{size} beside image_width and image_height of {own}; expected the same")
+    return own
 
 
 def _no_size(path: Pathlike) -> tuple[int, int]:
@@ -130,7 +144,7 @@ def _no_size(path: Pathlike) -> tuple[int, int]:
 
 
 def _pose(path: Pathlike, content: dict[str, Any]) -> Pose | None:
-    turn, shift = _first(content, ROTATION_KEYS), _first(content, TRANSLATION_KEYS)
+    turn, shift = _first(path, content, ROTATION_KEYS), _first(path, content, TRANSLATION_KEYS)
     if turn is None and shift is None:
         return None
     if turn is None or shift is None:
@@ -138,7 +152,11 @@ def _pose(path: Pathlike, content: dict[str, Any]) -> Pose | None:
     values = _plain(path, turn, content[turn])
     translation = record.numbers(path, shift, _plain(path, shift, content[shift]), (3,))
     if np.size(np.array(values, dtype=object)) == 3:
-        return Pose.from_rotvec(record.numbers(path, turn, values, (3,)), translation)
+        vector = record.numbers(path, turn, values, (3,))
+        if np.linalg.norm(vector) > 2 * np.pi:
+            what = f"a turn by {np.linalg.norm(vector):.4g} radians; expected at most 2 pi (are these degrees?)"
+            raise record.key_error(path, turn, what)
+        return Pose.from_rotvec(vector, translation)
     return record.pose(path, turn, record.numbers(path, turn, values, (3, 3)), translation, mend=True)
 
 
@@ -152,4 +170,11 @@ def _is_fisheye(path: Pathlike, content: dict[str, Any]) -> bool:
     if content.get("xi"):
         what = f"{content['xi']}: an omnidirectional lens; expected a pinhole or equidistant"
         raise record.key_error(path, "xi", what)
-    return bool(content.get("fisheye_model")) or model.lower() in _FISHEYES
+    fisheye = bool(content.get("fisheye_model")) or model.lower() in _FISHEYES
+    for key in _KINDS:
+        said = str(content.get(key) or "").lower()
+        if not fisheye and any(word in said for word in _FISHEYE_WORDS):
+            if model and model.lower() != "pinhole":
+                raise record.key_error(path, key, f"{content[key]!r} beside {model!r}; expected one lens")
+            fisheye = True
+    return fisheye

@@ -227,18 +227,32 @@ def parse_xml(path: Pathlike, text: str) -> Any:
         raise FileError(path, f"not XML: {error.msg}", error.position[0]) from error
 
 
-def xml_content(root: Any) -> dict[str, Any]:
-    """The mapping of an OpenCV XML file (``<opencv_storage>``)."""
-    content = _xml_value(root)
+def xml_content(path: Pathlike, root: Any) -> dict[str, Any]:
+    """The mapping of an OpenCV XML file (``<opencv_storage>``).
+
+    Raises
+    ------
+    FileError
+        For an element that is there twice.
+    """
+    content = _xml_value(path, root)
     return content if isinstance(content, dict) else {}
 
 
-def _xml_value(element: Any) -> Any:
+def refuse_doubles(path: Pathlike, element: Any) -> None:
+    """An element whose children are named must not have two of one name: which of them counts is not known."""
+    tags = [child.tag for child in element]
+    if twice := sorted({tag for tag in tags if tags.count(tag) > 1}):
+        raise FileError(path, f"<{twice[0]}> is there {tags.count(twice[0])} times in <{element.tag}>; expected once")
+
+
+def _xml_value(path: Pathlike, element: Any) -> Any:
     children = list(element)
     if children and all(child.tag == "_" for child in children):
-        return [_xml_value(child) for child in children]
+        return [_xml_value(path, child) for child in children]
     if children:
-        return {child.tag: _xml_value(child) for child in children}
+        refuse_doubles(path, element)
+        return {child.tag: _xml_value(path, child) for child in children}
     text = (element.text or "").strip()
     if text.startswith('"') or element.tag == "dt":
         return scalar(text)
