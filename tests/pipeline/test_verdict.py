@@ -272,6 +272,13 @@ def test_a_point_of_a_polar_is_judged_by_the_side_that_cameras_show():
     assert psp_verdict([replace(point, seen=0.1)]).cause == "covered"
 
 
+def test_loads_that_were_asked_for_and_are_refused_are_doubted():
+    said = "no loads: integrate_loads: zone07 of wing lies upon zone01 of wing: 49.8 % of the area of wing is twice"
+    point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "lost", said.replace("integrate_loads: ", ""))
+
+
 def test_a_section_that_is_missing_is_doubted():
     said = "section far: the plane does not meet the grid"
     point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)

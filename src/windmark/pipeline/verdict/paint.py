@@ -64,12 +64,16 @@ def _compared(r: PointRecord) -> bool:
 
 
 def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
-    """What was asked for and is in no result: sections, and most of the surface that cameras look at."""
+    """What was asked for and is in no result: sections, loads, and most of the surface that cameras look at."""
     lacks = [name for name in sections if name not in {s.name for s in r.sections}]
     if lacks:
         one = f"section {lacks[0]}"
         words = next((said for said in r.remarks if said.startswith(f"{one}: ")), one)
         yield Finding(DOUBTFUL, "lost", f"left out: {words}", "correct it in the project, or take it out")
+    refused = next((said for said in r.remarks if said.startswith("no loads: ")), "")
+    if refused:
+        step = "see the reason: correct grid or project, or take the loads out of the project"
+        yield Finding(DOUBTFUL, "lost", refused.replace("integrate_loads: ", ""), step)
     shown = r.shown.get("all", 1.0)
     if r.seen < rules.COVERED * shown:
         yield Finding(
