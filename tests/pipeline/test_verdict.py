@@ -279,6 +279,14 @@ def test_loads_that_were_asked_for_and_are_refused_are_doubted():
     assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "lost", said.replace("integrate_loads: ", ""))
 
 
+def test_thermocouples_that_contradict_each_other_are_doubted_and_one_left_out_is_not():
+    said = "thermocouples contradict each other: 14 times as much as their sigmas say"
+    point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "temperature", said)
+    assert psp_verdict([replace(point, remarks=("thermocouples that do not count: T3 (8 K)",))]).word == GOOD
+
+
 def test_a_section_that_is_missing_is_doubted():
     said = "section far: the plane does not meet the grid"
     point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from windmark.errors import g2, g3
+from windmark.paint.well_tests import DOUBTED
 from windmark.pipeline.likely_unit import model_box
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.verdict import rules
@@ -45,7 +46,7 @@ def psp_verdict(
     found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
     found += further
     for r in good:
-        found += [f.at(r.name) for f in (*_missing(r, sections), *_taps(r), *_light(r))]
+        found += [f.at(r.name) for f in (*_missing(r, sections), *_taps(r), *_wall(r), *_light(r))]
     sigma, shown = middle([r.median_sigma_cp for r in good]), min(r.shown.get("all", 1.0) for r in good)
     return Verdict.of(
         found,
@@ -112,6 +113,14 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
             f"{g3(r.fit['rms_Pa'])} Pa",
             "look for blocked taps",
         )
+
+
+def _wall(r: PointRecord) -> Iterator[Finding]:
+    """The wall's temperature."""
+    for said in r.remarks:
+        if said.startswith(DOUBTED):
+            step = "check the readings, names and places; where the wall varies by so much, say temperature.sigma_K"
+            yield Finding(DOUBTFUL, "temperature", said, step)
 
 
 def _light(r: PointRecord) -> Iterator[Finding]:

@@ -184,6 +184,7 @@ def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) ->
         return thermocouple_temperature(
             np.where(seen[:, None], rest.vertices, np.nan), wells.xyz, wells.value, sigma=wells.sigma,
             length=task.wall_length or WALL * rest.diagonal, spread=task.wall_sigma,
+            names=wells.names, remarks=remarks,
         )  # fmt: skip
     if task.recovery is None:
         raise DataError("there is no temperature: no thermocouple has a reading and no recovery is given")
