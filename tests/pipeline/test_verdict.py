@@ -287,6 +287,17 @@ def test_thermocouples_that_contradict_each_other_are_doubted_and_one_left_out_i
     assert psp_verdict([replace(point, remarks=("thermocouples that do not count: T3 (8 K)",))]).word == GOOD
 
 
+def test_a_calibration_that_is_extrapolated_is_doubted_but_where_taps_say_how_it_holds():
+    said = "the paint's calibration is extrapolated: 54 % of the nodes lie outside it"
+    point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "weak", said)
+    fit = {"scatter_Pa": 0.0, "rms_Pa": 100.0, "leave_one_out_rms_Pa": 120.0, "noise_Pa": 100.0, "slope_free": 1.0}
+    assert psp_verdict([replace(point, fit=fit)]).word == GOOD
+    little = "5 % of the nodes lie outside the paint's calibration in pressure (60000 to 130000 Pa)"
+    assert psp_verdict([replace(point, remarks=(little,))]).word == GOOD
+
+
 def test_a_section_that_is_missing_is_doubted():
     said = "section far: the plane does not meet the grid"
     point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)

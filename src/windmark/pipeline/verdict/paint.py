@@ -17,6 +17,7 @@ from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Mesh
+from windmark.tasks.psp.plausible import EXTRAPOLATED
 
 
 def psp_verdict(
@@ -46,7 +47,7 @@ def psp_verdict(
     found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
     found += further
     for r in good:
-        found += [f.at(r.name) for f in (*_missing(r, sections), *_taps(r), *_wall(r), *_light(r))]
+        found += [f.at(r.name) for f in (*_missing(r, sections), *_taps(r), *_wall(r), *_calibrated(r), *_light(r))]
     sigma, shown = middle([r.median_sigma_cp for r in good]), min(r.shown.get("all", 1.0) for r in good)
     return Verdict.of(
         found,
@@ -121,6 +122,14 @@ def _wall(r: PointRecord) -> Iterator[Finding]:
         if said.startswith(DOUBTED):
             step = "check the readings, names and places; where the wall varies by so much, say temperature.sigma_K"
             yield Finding(DOUBTFUL, "temperature", said, step)
+
+
+def _calibrated(r: PointRecord) -> Iterator[Finding]:
+    """A calibration that is used beyond its ends, where no taps say whether it holds there."""
+    for said in r.remarks:
+        if said.startswith(EXTRAPOLATED) and not r.fit and not _compared(r):
+            step = "calibrate the paint over all pressures and temperatures of the test, or fit the pressure to taps"
+            yield Finding(DOUBTFUL, "weak", said, step)
 
 
 def _light(r: PointRecord) -> Iterator[Finding]:
