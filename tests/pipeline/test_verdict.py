@@ -17,6 +17,7 @@ from windmark.pipeline.project import read_project
 from windmark.pipeline.psp.record import PointRecord
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import BAD, CAUSES, DOUBTFUL, GOOD, Finding, Verdict
+from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.pipeline.verdict.doubts import STEPS
 from windmark.pipeline.verdict.errors import error_verdict
@@ -457,3 +458,11 @@ def test_a_polar_whose_taps_were_not_fitted_is_doubted():
     assert (verdict.word, verdict.cause) == (DOUBTFUL, "taps")
     assert "not fitted to the taps: the taps' readings are 0.01 times" in verdict.reason
     assert psp_verdict([replace(point, taps=replace(taps, unfitted=""))]).word == GOOD
+
+
+def test_a_cell_whose_isotherms_have_a_reference_each_makes_a_test_doubtful():
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    said = "I_ref / I is exactly 1 at 100000 Pa at all temperatures (285 to 312)"
+    verdict = psp_verdict([point], further=calibration_findings(("residuals are small", said)))
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "weak", said)
+    assert psp_verdict([point], further=calibration_findings(("residuals are small",))).word == GOOD
