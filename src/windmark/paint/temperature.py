@@ -153,8 +153,9 @@ def thermocouple_temperature(
             f"thermocouple_temperature: expected xyz (N, 3), points (M, 3), values (M,), got {node.shape}, {at.shape}, "
             f"{t.shape}"
         )
-    if not (length > 0 and (s > 0).all() and (spread is None or spread > 0)):
-        raise UsageError("thermocouple_temperature: length, sigma and spread must be above zero")
+    scales = np.concatenate([s.ravel(), [length, 1.0 if spread is None else spread]])
+    if not ((scales > 0) & np.isfinite(scales)).all():
+        raise UsageError("thermocouple_temperature: length, sigma and spread must be finite and above zero")
     good = np.isfinite(t) & np.isfinite(at).all(axis=1)
     noise = np.broadcast_to(s**2, t.shape)[good]
     at, t = at[good], t[good]
