@@ -187,3 +187,39 @@ def test_wrong_use(change, words):
     }
     with pytest.raises((UsageError, ValueError), match=words):
         fit_paint(**(good | change))
+
+
+def own_reference_of(p, t, ratio):
+    return [said for said in fit_paint(p, t, ratio, p_ref=1e5, t_ref=300.0).warnings if "exactly 1" in said]
+
+
+PRESSURES, LEVELS = np.linspace(4e4, 1.2e5, 5), np.array([285.0, 295.0, 300.0, 312.0])
+
+
+@pytest.mark.parametrize("digits", [15, 4])
+def test_isotherms_that_have_a_reference_each_are_found(digits):
+    """Whatever the paint, and where the cell's temperature wanders a little on each isotherm."""
+    p, t = (v.ravel() for v in np.meshgrid(PRESSURES, LEVELS))
+    ratio = noisy_law(p, t)
+    ratio = (ratio.reshape(4, 5) / ratio.reshape(4, 5)[:, [3]]).ravel().round(digits)
+    (said,) = own_reference_of(p, t + np.random.default_rng(1).normal(0, 0.05, t.size), ratio)
+    assert said.startswith("I_ref / I is exactly 1 at 100000 Pa at all temperatures (28")
+    assert "what temperature does to the paint is not in the table" in said
+
+
+def noisy_law(p, t):
+    return law(p, t) * (1 + np.random.default_rng(2).normal(0, 0.001, p.size))
+
+
+def test_one_reference_of_all_rows_is_none_of_each():
+    p, t = (v.ravel() for v in np.meshgrid(PRESSURES, LEVELS))
+    ratio = noisy_law(p, t)
+    at = (p == 1e5) & (t == 300.0)
+    ratio = ratio / ratio[at]
+    assert own_reference_of(p, t, ratio) == []
+    # Nor is one that is measured again and again, before every isotherm.
+    again = np.full(4, 1e5), np.full(4, 300.0), np.ones(4)
+    assert own_reference_of(*(np.concatenate(v) for v in zip((p, t, ratio), again, strict=True))) == []
+    # Nor are temperatures so near each other that three digits do not tell them apart.
+    close = 300.0 + 0.05 * (t - 300.0)
+    assert own_reference_of(p, close, np.where(p == 1e5, 1.0, noisy_law(p, close).round(3))) == []

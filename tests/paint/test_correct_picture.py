@@ -104,3 +104,18 @@ def test_sensors_that_are_none(wrong):
 def test_times_that_tell_no_flux(times, start, words):
     with pytest.raises((UsageError, DataError), match=words):
         flux_operator(times, Wall.semi_infinite(16.0, 4e6), start=start)
+
+
+def test_a_dark_or_flat_picture_that_is_no_number_leaves_no_usable_pixel():
+    sensor = SensorModel(dark=np.array([[np.nan, 100.0], [100.0, 100.0]]), saturation=4000.0, gain=0.5,
+                         read_variance=4.0, flat=np.array([[1.0, np.inf], [np.nan, 1.0]]))  # fmt: skip
+    got = correct_picture(np.full((2, 2), 1100.0), sensor)
+    assert got.flags.tolist() == [[NOT_FINITE, NO_FLAT], [NO_FLAT, 0]]
+    assert np.isnan(got.value).tolist() == [[True, True], [True, False]]
+    assert got.value[1, 1] == 1000.0
+
+
+def test_an_error_of_the_dark_picture_that_is_no_number_leaves_no_usable_pixel():
+    sensor = SensorModel(dark=100.0, saturation=4000.0, gain=0.5, read_variance=4.0,
+                         dark_variance=np.array([[np.inf, 1.0]]))  # fmt: skip
+    assert correct_picture(np.full((1, 2), 1100.0), sensor).flags.tolist() == [[NOT_FINITE, 0]]

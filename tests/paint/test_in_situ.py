@@ -141,3 +141,10 @@ def test_wrong_use():
             in_situ(list("abc"), [1.0, 2.0, 3.0], x, **{"pressure_sigma": 1.0, **wrong})
     with pytest.raises(UsageError, match="names of the taps must differ"):
         in_situ(list("aab"), [1.0, 2.0, 3.0], x, pressure_sigma=1.0)
+
+
+@pytest.mark.parametrize("sigma", [np.inf, np.nan, 0.0])
+def test_a_sigma_that_is_no_number_is_refused_in_words(sigma):
+    p = np.array([4e4, 5e4, 6e4, 7e4, 8e4])
+    with pytest.raises(UsageError, match="pressure_sigma must be finite and > 0"):
+        in_situ(list("abcde"), p, NodeField.make(p, 50.0), pressure_sigma=[20.0, sigma, 20.0, 20.0, 20.0])

@@ -8,6 +8,7 @@ import pytest
 
 from windmark.errors import DataError, UsageError
 from windmark.paint import COEFFICIENTS, LoadReference, NodeField, fill_smoothly, integrate_loads
+from windmark.scene import Mesh
 
 sys.path.insert(0, str(Path(__file__).parent))
 from paint_shapes import box, plate, sphere
@@ -176,3 +177,35 @@ def test_fill_joins_blocks_that_meet_and_refuses_what_hangs_nowhere():
     assert np.ptp(got.value[together]) == 0
     with pytest.raises(DataError, match="hang together with no node that has a value"):
         fill_smoothly(mesh, NodeField.make(np.full(len(value), np.nan)), np.ones(len(value), bool))
+
+
+def test_a_zone_that_is_there_twice_has_no_loads_and_is_named():
+    p = plate(5, 4)
+    twice = Mesh.make(p.vertices, np.concatenate([p.triangles, p.triangles]), "wing")
+    with pytest.raises(DataError, match=r"triangles of wing lie upon others of it: 50 % of the area of wing is"):
+        integrate_loads(twice, NodeField.make(np.ones(20)), UNIT)
+
+
+def test_two_volumes_on_each_other_have_loads_each_and_none_together():
+    mesh = Mesh.make(np.tile(plate().vertices, (2, 1)),
+                     np.concatenate([plate().triangles, plate().triangles + len(plate().vertices)]),
+                     np.repeat(["wing", "flap"], len(plate().triangles)))  # fmt: skip
+    cp = NodeField.make(-np.ones(len(mesh.vertices)))
+    with pytest.raises(DataError, match="wing lies upon flap"):
+        integrate_loads(mesh, cp, UNIT)
+    assert integrate_loads(mesh, cp, UNIT, volumes=["wing"]).row("all")["CN"][0] == pytest.approx(12.0)
+
+
+def test_a_rim_that_is_there_twice_counts_and_is_said():
+    """Two cells of 320: an overlap of so little is about as much of the loads."""
+    mesh = Mesh.make(plate().vertices, np.concatenate([plate().triangles, plate().triangles[:4]]), "wing")
+    got = integrate_loads(mesh, NodeField.make(-np.ones(len(plate().vertices))), UNIT)
+    assert got.row("all")["CN"][0] == pytest.approx(12.0 * (1 + 4 / 640))
+    said = "triangles of wing lie upon others of it: 0.621 % of the area of wing is in the grid twice and counts twice"
+    assert got.warnings[0].startswith(said)
+
+
+def test_a_volume_that_is_named_twice_is_refused():
+    with pytest.raises(UsageError, match="names wing more than once"):
+        integrate_loads(Mesh.make(plate().vertices, plate().triangles, "wing"), NodeField.make(np.ones(357)), UNIT,
+                        volumes=["wing", "wing"])  # fmt: skip

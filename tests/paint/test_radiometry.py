@@ -295,3 +295,8 @@ def test_what_dark_and_flat_err_by_is_not_less_in_a_mean():
         var = np.mean([g.lasting for g in got], axis=0) + np.mean([g.variance - g.lasting for g in got], axis=0) / 200
         z.append((np.mean([g.value for g in got], axis=0) - scene()) / np.sqrt(var))
     assert np.std(z) == pytest.approx(1.0, abs=0.05)
+
+
+def test_an_infinite_light_has_no_ratio():
+    got = form_ratio(NodeField.make([1.0, np.inf, 2.0], 0.1), NodeField.make([np.inf, 1.0, 1.0], 0.1))
+    assert np.isnan(got.value).tolist() == [True, True, False]

@@ -87,7 +87,8 @@ def test_what_all_share_stays_and_what_is_missing_does_not_count():
     ("change", "words"),
     [
         ({"length": 0.0}, "above zero"), ({"sigma": 0.0}, "above zero"), ({"spread": 0.0}, "above zero"),
-        ({"sigma": [1.0, -1.0, 1.0]}, "above zero"), ({"xyz": np.zeros((2, 2))}, r"got \(2, 2\), \(3, 3\), \(3,\)"),
+        ({"sigma": [1.0, -1.0, 1.0]}, "above zero"), ({"sigma": np.inf}, "finite"), ({"length": np.inf}, "finite"),
+        ({"xyz": np.zeros((2, 2))}, r"got \(2, 2\), \(3, 3\), \(3,\)"),
         ({"points": np.zeros((2, 3))}, r"got \(1, 3\), \(2, 3\), \(3,\)"), ({"xyz": np.zeros(3)}, r"got \(3,\)"),
     ],
 )  # fmt: skip

@@ -72,6 +72,23 @@ def test_a_cell_table_is_read_whatever_its_columns_order(tmp_path):
         read_cell(written(tmp_path, "c.csv", "ratio,temperature_degC,pressure_kPa"))
 
 
+def test_a_column_that_nobody_knows_is_named(tmp_path):
+    """A sigma that is called otherwise than expected would not count, and another one would be taken."""
+    from windmark.pipeline.psp.cell import read_cell
+    from windmark.pipeline.psp.table import read_sensors
+
+    head, row = "pressure_Pa,temperature_K,ratio", "1e5,293,1"
+    columns = "ratio,sigma,pressure_UNIT,temperature_UNIT,sigma_pressure_UNIT,sigma_temperature_UNIT"
+    with pytest.raises(FileError, match=f"unknown column 'sigma_ratio'; the columns are {columns}"):
+        read_cell(written(tmp_path, "c.csv", f"{head},sigma_ratio", f"{row},0.001"))
+    all_of_them = f"{head},Sigma,sigma_pressure_kPa,sigma_temperature_degC"
+    assert read_cell(written(tmp_path, "c.csv", all_of_them, f"{row},0.001,0.1,0.2")).pressure_sigma.tolist() == [100.0]
+    with pytest.raises(FileError, match="unknown column 'sig_pa'; the columns are point,name,pressure_UNIT,"):
+        read_sensors(written(tmp_path, "p.csv", "point,name,pressure_Pa,sig_Pa", "a,t1,6e4,20"), "pressure", 50.0)
+    both = written(tmp_path, "p.csv", "point,name,pressure_Pa,temperature_K,sigma_Pa", "a,t1,6e4,293,20")
+    assert read_sensors(both, "pressure", 50.0).at("a", ["t1"])[1].tolist() == [20.0]
+
+
 WTD = """\
 RUN 3016 2
 #  MACH	ALPHA	BETA	PTOT	TTF	PS	Q	T102

@@ -17,6 +17,7 @@ from windmark.pipeline.project import read_project
 from windmark.pipeline.psp.record import PointRecord
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import BAD, CAUSES, DOUBTFUL, GOOD, Finding, Verdict
+from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.pipeline.verdict.doubts import STEPS
 from windmark.pipeline.verdict.errors import error_verdict
@@ -274,6 +275,32 @@ def test_a_point_of_a_polar_is_judged_by_the_side_that_cameras_show():
     assert psp_verdict([replace(point, seen=0.1)]).cause == "covered"
 
 
+def test_loads_that_were_asked_for_and_are_refused_are_doubted():
+    said = "no loads: integrate_loads: zone07 of wing lies upon zone01 of wing: 49.8 % of the area of wing is twice"
+    point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "lost", said.replace("integrate_loads: ", ""))
+
+
+def test_thermocouples_that_contradict_each_other_are_doubted_and_one_left_out_is_not():
+    said = "thermocouples contradict each other: 14 times as much as their sigmas say"
+    point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "temperature", said)
+    assert psp_verdict([replace(point, remarks=("thermocouples that do not count: T3 (8 K)",))]).word == GOOD
+
+
+def test_a_calibration_that_is_extrapolated_is_doubted_but_where_taps_say_how_it_holds():
+    said = "the paint's calibration is extrapolated: 54 % of the nodes lie outside it"
+    point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "weak", said)
+    fit = {"scatter_Pa": 0.0, "rms_Pa": 100.0, "leave_one_out_rms_Pa": 120.0, "noise_Pa": 100.0, "slope_free": 1.0}
+    assert psp_verdict([replace(point, fit=fit)]).word == GOOD
+    little = "5 % of the nodes lie outside the paint's calibration in pressure (60000 to 130000 Pa)"
+    assert psp_verdict([replace(point, remarks=(little,))]).word == GOOD
+
+
 def test_a_section_that_is_missing_is_doubted():
     said = "section far: the plane does not meet the grid"
     point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)
@@ -443,3 +470,11 @@ def test_a_polar_whose_taps_were_not_fitted_is_doubted():
     assert (verdict.word, verdict.cause) == (DOUBTFUL, "taps")
     assert "not fitted to the taps: the taps' readings are 0.01 times" in verdict.reason
     assert psp_verdict([replace(point, taps=replace(taps, unfitted=""))]).word == GOOD
+
+
+def test_a_cell_whose_isotherms_have_a_reference_each_makes_a_test_doubtful():
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    said = "I_ref / I is exactly 1 at 100000 Pa at all temperatures (285 to 312)"
+    verdict = psp_verdict([point], further=calibration_findings(("residuals are small", said)))
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "weak", said)
+    assert psp_verdict([point], further=calibration_findings(("residuals are small",))).word == GOOD

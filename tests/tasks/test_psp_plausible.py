@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from windmark.paint import NodeField, SternVolmer, TunnelConditions
+from windmark.paint import NodeField, SternVolmer, TunnelConditions, pressure_map
 from windmark.scene import Mesh, structured_triangles
-from windmark.tasks.psp.plausible import beyond_stream, mach_of, other_unit, total_pressure
+from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, mach_of, other_unit, total_pressure
 from windmark.tasks.psp.reduce import _why
 from windmark.tasks.psp.taps import Readings, at_taps
 
@@ -87,3 +87,34 @@ def test_a_temperature_in_another_unit_is_the_reason():
     words = _why(flags, NodeField.make(np.full(3, 25.0), 1.0), law)
     assert words.startswith("the wall's temperature is 25 K (median), the paint's calibration is from 278 to 313 K")
     assert "wall" not in _why(flags, NodeField.make(np.full(3, 300.0), 1.0), law)
+
+
+LAW = SternVolmer(np.array([[0.2, 0.002], [0.8, 0.008]]), 1e5, 293.0, (6e4, 1.3e5), (280.0, 310.0))
+
+
+def beyond(pressures, warm=293.0):
+    at = np.asarray(pressures, dtype=float)
+    temperature = NodeField.make(np.broadcast_to(warm, at.shape), 0.1, unit="K")
+    ratio = NodeField.make(LAW.ratio(at, temperature.value) / LAW.ratio(1e5, 293.0), 1e-3)
+    return beyond_calibration(pressure_map(LAW, ratio, temperature, p_off=1e5, t_off=293.0), temperature, LAW)
+
+
+def test_pressures_beyond_the_calibration_are_said_with_their_share():
+    assert beyond(np.linspace(6.1e4, 1.2e5, 20)) == []
+    few = np.r_[np.full(2, 5.8e4), np.linspace(6.1e4, 1.2e5, 38)]
+    assert beyond(few) == ["5 % of the nodes lie outside the paint's calibration in pressure (60000 to 130000 Pa)"]
+    many = np.r_[np.full(10, 5.8e4), np.full(10, 4.5e4), np.full(20, 9e4), np.nan]
+    assert beyond(many) == [
+        "the paint's calibration is extrapolated: 50 % of the nodes lie outside it in pressure (60000 to 130000 Pa), "
+        "25 % by more than a tenth of its range"
+    ]
+
+
+def test_temperatures_beyond_the_calibration_are_said_too():
+    warm = np.where(np.arange(10) < 4, 315.0, 300.0)
+    (said,) = beyond(np.full(10, 9e4), warm)
+    assert said == ("the paint's calibration is extrapolated: 40 % of the nodes lie outside it in temperature "
+                    "(280 to 310 K), 40 % by more than a tenth of its range")  # fmt: skip
+    assert beyond(np.full(10, 9e4), warm - 4) == [
+        "40 % of the nodes lie outside the paint's calibration in temperature (280 to 310 K)"
+    ]

@@ -18,6 +18,7 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
+from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
 
@@ -49,6 +50,7 @@ def psp(
         markers = test.deforming.test.markers
         unit = test.project.length_unit
         further = black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given])
+        further += calibration_findings(test.paint.warnings)
         further += lamp_findings(test.mesh, [lamp.position for lamp in test.project.lamp], unit)
         if (given := test.project.loads) is not None:
             further += reference_findings(test.mesh, given.area, given.chord, unit)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError, g3
 from windmark.geometry.described import described
+from windmark.paint.own_reference import own_reference
 from windmark.paint.refusal import NotFitted
 from windmark.paint.stern_volmer import SternVolmer, law_slopes
 
@@ -316,5 +317,7 @@ def _result(table: _Table, found: Mapping[Order, _Candidate], words: Mapping[Ord
             said.append(f"the residuals are {g3(sigma0)} times their stated sigmas; the covariance is larger by that")
     if order[1] == 0 and _levels(table.t) == 1:
         said.append("one temperature alone: the paint's temperature coefficient is not known")
+    if own := own_reference(table.p, table.t, table.ratio, table.units[0]):
+        said.append(own)
     residuals = table.ratio - law.ratio(table.p, table.t)
     return PaintFit(law, order, residuals, _rms(residuals), _rms(fit.press), sigma0, dict(words), tuple(said))

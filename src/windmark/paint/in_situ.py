@@ -145,7 +145,7 @@ def in_situ(
     Raises
     ------
     ValueError
-        For arrays of different lengths, a sigma that is not above zero, or unknown options.
+        For arrays of different lengths, a sigma that is not above zero or not finite, or unknown options.
 
     Examples
     --------
@@ -186,8 +186,9 @@ def _check(names: Sequence[str], p: Array, x: NodeField, sigma: Array, common: f
                          f"{len(x)}, {sigma.shape}")  # fmt: skip
     if len(set(names)) < len(names):
         raise UsageError("in_situ: the names of the taps must differ")
-    if not (sigma > 0).all() or not 0 <= common < np.inf:
-        raise UsageError("in_situ: pressure_sigma must be > 0 and common_sigma at least 0")
+    if not ((sigma > 0) & np.isfinite(sigma)).all() or not 0 <= common < np.inf:
+        raise UsageError("in_situ: pressure_sigma must be finite and > 0, common_sigma finite and at least 0; leave a "
+                         "tap out that says nothing, or make its reading NaN")  # fmt: skip
     if order not in range(1, MOST_ORDER + 1) or free not in FREE or (free == "offset" and order > 1):
         raise UsageError(f"in_situ: order must be 1 to {MOST_ORDER}, free one of {', '.join(FREE)} (offset: order 1), "
                          f"got {order} and {free!r}")  # fmt: skip

@@ -18,6 +18,7 @@ from windmark.paint.modes import NodeField
 from windmark.paint.surface import Surface, joined_surface
 from windmark.paint.unseen import guesses_of
 from windmark.scene import Mesh
+from windmark.scene.doubled import doubled, doubled_zones
 from windmark.scene.shown import check_kinds, pandas_table
 
 Array = NDArray[np.float64]
@@ -26,6 +27,9 @@ Mask = NDArray[np.bool_]
 CLOSED = 1e-4
 """A surface is closed where it has no border, or where the area vectors of its triangles add up to no more than this
 part of its area."""
+TWICE = 0.01
+"""Part of an area that may be in the grid twice, as where zones meet that do not match: it counts twice in the loads,
+which is about so much of them, and is said. More is a zone that is there twice, or a grid of overset zones."""
 
 
 @described(lambda loads: {
@@ -120,9 +124,10 @@ def integrate_loads(
     Raises
     ------
     DataError
-        Where less than ``least_seen`` of a volume has a value: a guess would be the larger part of its loads.
+        Where less than ``least_seen`` of a volume has a value: a guess would be the larger part of its loads. Where
+        more than `TWICE` of an area is in the mesh twice, see `scene.doubled`: it would count twice.
     ValueError
-        For an unknown volume, or a field that is not the mesh's.
+        For an unknown volume or one that is named twice, or a field that is not the mesh's.
 
     Notes
     -----
@@ -151,6 +156,9 @@ def integrate_loads(
     missing = [name for name in names if name not in mesh.volume]
     if missing or not names:
         raise UsageError(f"integrate_loads: the mesh has no volume {', '.join(missing) or 'at all'}")
+    if again := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise UsageError(f"integrate_loads: volumes names {', '.join(again)} more than once; expected each once")
+    twice = _twice(mesh, names)
     surface = joined_surface(mesh)
     whole, unseen = _completed(mesh, cp, names, surface, least_seen)
     operators = [load_operator(mesh, reference, mesh.volume == name) for name in names]
@@ -167,8 +175,29 @@ def integrate_loads(
     opening = np.stack([_opening(mesh, g) for g in groups])
     closed = np.array([_closed(surface, g) or np.linalg.norm(o) <= CLOSED
                        for g, o in zip(groups, opening, strict=True)])  # fmt: skip
-    return _as_loads((*names, "all"), rows, np.append(unseen, _share(mesh, groups[-1], cp.known)), filled, opening,
+    done = _as_loads((*names, "all"), rows, np.append(unseen, _share(mesh, groups[-1], cp.known)), filled, opening,
                      closed)  # fmt: skip
+    return replace(done, warnings=(*twice, *done.warnings)) if twice else done
+
+
+def _twice(mesh: Mesh, names: Sequence[str]) -> list[str]:
+    """What is to be said of area that is in some volumes twice; refused where it is more than a rim."""
+    if not doubled(mesh):
+        return []
+    own = np.isin(mesh.volume, names)
+    part = replace(mesh, triangles=mesh.triangles[own], volume=mesh.volume[own])
+    found = doubled(part)
+    area = 0.5 * np.linalg.norm(part.triangle_normals(), axis=1)
+    if not found:
+        return []
+    on = {**{name: part.volume == name for name in names}, "all": np.ones(len(area), bool)}
+    share = {name: float(found.extra[rows].sum() / area[rows].sum()) for name, rows in on.items()}
+    most = max(share, key=lambda name: share[name])
+    words = f"{doubled_zones(part, found)}: {g3(100 * share[most])} % of the area of {most} is in the grid twice"
+    if share[most] <= TWICE:
+        return [f"{words} and counts twice in the loads"]
+    raise DataError(f"integrate_loads: {words} and would count twice; leave a zone that is there twice out of its "
+                    "volume, and blank what overlaps of overset zones (IBLANK = 0)")  # fmt: skip
 
 
 def _as_loads(names: tuple[str, ...], rows: list[Carried], unseen: Array, filled: Array, opening: Array, closed: Mask

@@ -202,11 +202,15 @@ def correct_picture(picture: ArrayLike, sensor: SensorModel, *, most_saturated: 
         value, slope, outside = sensor.linearity.apply(signal)
         flags[outside & np.isfinite(raw)] |= NOT_LINEARISED
     flat = np.ones(raw.shape) if sensor.flat is None else np.asarray(sensor.flat, dtype=float)
-    flags[~(flat > 0)] |= NO_FLAT
-    flat = np.where(flat > 0, flat, np.nan)
+    lit = (flat > 0) & np.isfinite(flat)
+    flags[~lit] |= NO_FLAT
+    flat = np.where(lit, flat, np.nan)
     value = value / flat
     lasting = (slope**2 * sensor.dark_variance + value**2 * sensor.flat_variance) / flat**2
-    return Intensity(value, slope**2 * own / flat**2 + lasting, flags, lasting)
+    variance = slope**2 * own / flat**2 + lasting
+    # No number of the dark picture, or of what is known of its error: the picture itself may be fine there.
+    flags[(flags == 0) & ~(np.isfinite(value) & np.isfinite(variance))] |= NOT_FINITE
+    return Intensity(value, variance, flags, lasting)
 
 
 def _size(shape: tuple[int, ...]) -> str:

@@ -28,8 +28,9 @@ def form_ratio(
 
     Returns
     -------
-    NodeField, NaN where a light is missing or not above zero. Independent noise by var(r) / r^2 = sum of var(I) / I^2,
-    the limit that photons set; modes that wind off and on share cancel as far as they are the same part of the light.
+    NodeField, NaN where a light is missing, infinite or not above zero. Independent noise by var(r) / r^2 = sum of
+    var(I) / I^2, the limit that photons set; modes that wind off and on share cancel as far as they are the same part
+    of the light.
 
     Raises
     ------
@@ -48,7 +49,7 @@ def form_ratio(
     parts = [reference, on, *(channel if channel is not None else ())]
     if len({len(p) for p in parts}) > 1:
         raise ValueError(f"form_ratio: all fields must have one length, got {[len(p) for p in parts]}")
-    good = np.all([p.value > 0 for p in parts], axis=0)
+    good = np.all([(p.value > 0) & np.isfinite(p.value) for p in parts], axis=0)
     lights = [np.where(good, p.value, np.nan) for p in parts]
     r = lights[0] / lights[1]
     if channel is not None:

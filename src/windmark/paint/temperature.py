@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError, UsageError
 from windmark.paint.cp import AIR, TunnelConditions
 from windmark.paint.modes import NodeField, principal_axes
+from windmark.paint.well_tests import alike, tested_wells
 
 Array = NDArray[np.float64]
 
@@ -99,6 +102,8 @@ def thermocouple_temperature(
     common_sigma: float = 0.0,
     unit: str = "K",
     cause: str = "thermocouples",
+    names: Sequence[str] | None = None,
+    remarks: list[str] | None = None,
 ) -> NodeField:
     """Temperature of nodes from a few thermocouples in the surface.
 
@@ -111,11 +116,15 @@ def thermocouple_temperature(
     spread : standard deviation of the temperature about its mean over the surface; None: as the thermocouples show it
         (three or more)
     common_sigma : error that all share (mode ``cause common``)
+    names : (M,) of the thermocouples, for what is said of them; None: by their number, from 1
+    remarks : gets what is to be said: a reading that contradicts all others and does not count, readings that differ
+        beyond their sigmas
 
     Returns
     -------
     NodeField: between thermocouples interpolated, far from them (several ``length``) their mean, with a sigma that
-    grows to ``spread``; modes ``cause:k``.
+    grows to ``spread``; modes ``cause:k``. A reading that contradicts all others is left out, and where nothing tells
+    which is wrong all sigmas are larger, by as much as readings differ (`well_tests`).
 
     Raises
     ------
@@ -144,20 +153,25 @@ def thermocouple_temperature(
             f"thermocouple_temperature: expected xyz (N, 3), points (M, 3), values (M,), got {node.shape}, {at.shape}, "
             f"{t.shape}"
         )
-    if not (length > 0 and (s > 0).all() and (spread is None or spread > 0)):
-        raise UsageError("thermocouple_temperature: length, sigma and spread must be above zero")
+    scales = np.concatenate([s.ravel(), [length, 1.0 if spread is None else spread]])
+    if not ((scales > 0) & np.isfinite(scales)).all():
+        raise UsageError("thermocouple_temperature: length, sigma and spread must be finite and above zero")
     good = np.isfinite(t) & np.isfinite(at).all(axis=1)
     noise = np.broadcast_to(s**2, t.shape)[good]
     at, t = at[good], t[good]
     if not len(t) or (len(t) < 3 and spread is None):
         raise DataError(f"thermocouple_temperature: {len(t)} thermocouples have a value; expected at least "
                         f"{1 if spread else 3}")  # fmt: skip
-    power = float(spread**2 if spread is not None else max(np.var(t, ddof=1) - noise.mean(), noise.mean()))
+    called = np.array([f"thermocouple {k + 1}" for k in range(len(good))] if names is None else [*names])[good]
+    tested = tested_wells(at, t, noise, length, spread, called.tolist(), unit)
+    if remarks is not None:
+        remarks += tested.words
+    at, t, noise, power = at[tested.used], t[tested.used], tested.variance[tested.used], tested.power
     anchor = _spread_out(node[np.isfinite(node).all(axis=1)], ANCHORS)
-    inverse: Array = np.asarray(np.linalg.inv(power * _alike(at, at, length) + np.diag(noise)), dtype=float)
+    inverse: Array = np.asarray(np.linalg.inv(power * alike(at, at, length) + np.diag(noise)), dtype=float)
     ones = np.ones(len(t))
     mean = float(ones @ inverse @ t / (ones @ inverse @ ones))
-    value = _blocks(node, lambda x: mean + power * _alike(x, at, length) @ (inverse @ (t - mean)))
+    value = _blocks(node, lambda x: mean + power * alike(x, at, length) @ (inverse @ (t - mean)))
     own, error = _errors(node, at, anchor, inverse, power, length)
     axes = principal_axes(error)
     kept = axes[:, :COLUMNS]
@@ -171,11 +185,6 @@ def thermocouple_temperature(
     return out.with_mode(f"{cause} common", common_sigma) if common_sigma else out
 
 
-def _alike(a: Array, b: Array, length: float) -> Array:
-    square = ((a[:, None] - b[None]) ** 2).sum(axis=2)
-    return np.asarray(np.exp(-0.5 * square / length**2))
-
-
 def _cut(node: Array) -> list[Array]:
     return np.array_split(node, max(len(node) // 20_000, 1))
 
@@ -187,9 +196,9 @@ def _blocks(node: Array, of: object) -> Array:
 def _cross(a: Array, at: Array, b: Array, inverse: Array, power: float, length: float) -> Array:
     """(A, B) covariance of the kriging error at places a and b."""
     ones = np.ones(len(at))
-    ka, kb = power * _alike(a, at, length), power * _alike(b, at, length)
+    ka, kb = power * alike(a, at, length), power * alike(b, at, length)
     ua, ub = 1 - ka @ inverse @ ones, 1 - kb @ inverse @ ones
-    return np.asarray(power * _alike(a, b, length) - ka @ inverse @ kb.T + np.outer(ua, ub) / (ones @ inverse @ ones))
+    return np.asarray(power * alike(a, b, length) - ka @ inverse @ kb.T + np.outer(ua, ub) / (ones @ inverse @ ones))
 
 
 def _errors(node: Array, at: Array, anchor: Array, inverse: Array, power: float, length: float) -> tuple[Array, Array]:
@@ -197,7 +206,7 @@ def _errors(node: Array, at: Array, anchor: Array, inverse: Array, power: float,
     ones = np.ones(len(at))
 
     def own(x: Array) -> Array:
-        k = power * _alike(x, at, length)
+        k = power * alike(x, at, length)
         u = 1 - k @ inverse @ ones
         return np.asarray(power - np.einsum("nk,kl,nl->n", k, inverse, k) + u**2 / (ones @ inverse @ ones))
 

@@ -14,8 +14,8 @@ from windmark.paint.radiance import Radiance
 from windmark.pipeline.deform.frames import files_of
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared.project import CameraEntry, InfraredProject
-from windmark.pipeline.psp.stream import FROZEN_K
-from windmark.pipeline.psp.table import TEMPERATURE, temperatures
+from windmark.pipeline.psp.columns import temperatures
+from windmark.pipeline.psp.stream import FROZEN_K, TEMPERATURE
 from windmark.scene.levels import clipped_level
 from windmark.tasks.deform.task import Station
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.io.csvtable import Table
 from windmark.paint import NotFitted, PaintFit, TemperaturePaint, fit_paint, fit_temperature_paint
+from windmark.pipeline.psp.columns import check_columns, in_unit, temperatures
 from windmark.pipeline.psp.stream import FROZEN_K
-from windmark.pipeline.psp.table import PRESSURE, STEPS_K, in_unit, temperatures
+from windmark.pipeline.psp.table import PRESSURE, STEPS_K
 
 Array = NDArray[np.float64]
 
@@ -51,11 +52,13 @@ def read_cell(path: Path, *, pressure: bool = True) -> CellTable:
     Raises
     ------
     FileError
-        For a missing column, an unknown unit, a cell that is no number, and values that no cell has.
+        For a missing column, one that is not known, an unknown unit, a cell that is no number, and values that no cell
+        has.
     """
     table = io.read_table(path, required=("ratio",), known=None)
     if not len(table):
         raise io.FileError(path, "has no rows; expected a measurement in each")
+    check_columns(table, ("ratio", "sigma"), ("pressure", "temperature", "sigma_pressure", "sigma_temperature"))
     p = in_unit(table, "pressure", PRESSURE) if pressure else None
     t, ratio = temperatures(table, "temperature"), table.numbers("ratio")
     if p is not None:

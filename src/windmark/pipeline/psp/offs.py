@@ -11,8 +11,9 @@ import numpy as np
 from windmark import io
 from windmark.errors import DataError
 from windmark.paint import reference_shares
+from windmark.pipeline.psp.columns import in_unit, temperatures
 from windmark.pipeline.psp.stream import FROZEN_K, PRESSURE, joined
-from windmark.pipeline.psp.table import CHANNELS, PointRow, ReferencePart, in_unit, temperatures
+from windmark.pipeline.psp.table import CHANNELS, PointRow, ReferencePart
 
 
 def read_references(path: Path) -> tuple[ReferencePart, ...]:

@@ -14,6 +14,7 @@ from windmark import io
 from windmark.errors import DataError, WindmarkError
 from windmark.io.csvtable import Table
 from windmark.paint import TunnelConditions
+from windmark.pipeline.psp.columns import check_columns, in_unit, temperatures
 from windmark.pipeline.psp.stream import FROZEN_K, PRESSURE, TEMPERATURE, joined
 from windmark.pipeline.psp.wtd import read_wtd
 
@@ -219,47 +220,6 @@ def _channels(table: Table, references: bool) -> list[dict[str, tuple[str, str]]
     return out
 
 
-def in_unit(table: Table, quantity: str, units: Mapping[str, float], *, optional: bool = False) -> Array:
-    """A column ``quantity_UNIT`` in the units' base; NaN where a cell, or with ``optional`` the column, is missing.
-
-    Raises
-    ------
-    FileError
-        Without such a column, with several, or with one in a unit that is not known.
-    """
-    column = _column(table, quantity, units, optional)
-    if column is None:
-        return np.full(len(table), np.nan)
-    return table.numbers(column, optional=True) * units[_unit_of(column, quantity, units)]
-
-
-def temperatures(table: Table, quantity: str, *, optional: bool = False) -> Array:
-    """A column ``quantity_UNIT`` in kelvin; see `in_unit`."""
-    column = _column(table, quantity, TEMPERATURE, optional)
-    if column is None:
-        return np.full(len(table), np.nan)
-    factor, offset = TEMPERATURE[_unit_of(column, quantity, TEMPERATURE)]
-    return table.numbers(column, optional=True) * factor + offset
-
-
-def _column(table: Table, quantity: str, units: Mapping[str, object], optional: bool) -> str | None:
-    found = [c for c in table.columns if c.startswith(f"{quantity.lower()}_")]
-    if not found and optional:
-        return None
-    expected = f"expected {quantity}_UNIT with one of the units {', '.join(units)}"
-    if len(found) != 1:
-        raise io.FileError(Path(table.path), f"has {' and '.join(found) or f'no column {quantity}_...'}; {expected}")
-    if not _unit_of(found[0], quantity, units):
-        raise io.FileError(Path(table.path), f"its unit is not known; {expected}", found[0])
-    return found[0]
-
-
-def _unit_of(column: str, quantity: str, units: Mapping[str, object]) -> str:
-    """The unit in a column's name, whatever its letters' case; "" for one that is not known."""
-    said = column[len(quantity) + 1 :].lower()
-    return next((unit for unit in units if unit.lower() == said), "")
-
-
 @dataclass(frozen=True)
 class SensorTable:
     """Readings of sensors: point -> name -> (value, sigma)."""
@@ -285,10 +245,11 @@ def read_sensors(path: Path, quantity: str, sigma: float) -> SensorTable:
     Raises
     ------
     FileError
-        As in `read_points_table`; for a sensor that is there twice at a point, a sigma that is not above 0, a
-        temperature that no air has.
+        As in `read_points_table`; for a column that is not known, a sensor that is there twice at a point, a sigma that
+        is not above 0, a temperature that no air has.
     """
     table = io.read_table(path, required=("point", "name"), known=None)
+    check_columns(table, ("point", "name"), ("pressure", "temperature", "sigma"))
     warm = quantity == "temperature"
     value = temperatures(table, quantity) if warm else in_unit(table, quantity, PRESSURE)
     if warm:

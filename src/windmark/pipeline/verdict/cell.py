@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from windmark.errors import g2, g3
 from windmark.paint import PaintFit, TemperaturePaint
+from windmark.paint.own_reference import OWN_REFERENCE
 from windmark.pipeline.psp.cell import CellTable
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding, Verdict
@@ -32,9 +34,16 @@ def pressure_verdict(fit: PaintFit, cell: CellTable) -> Verdict:
     if not np.ptp(cell.temperature) > 0:
         said = f"the cell had {law.t_range[0]:g} K alone: what temperature does to the paint is not known"
         found.append(Finding(DOUBTFUL, "weak", said, "measure at the tunnel's temperatures, wind off and on"))
+    found += calibration_findings(fit.warnings)
     found += _outside(law.p_ref, law.p_range, "Pa", "--p-ref") + _outside(law.t_ref, law.t_range, "K", "--t-ref")
     return Verdict.of(found, 1, f"{len(fit.residuals)} measurements are followed to {g3(fit.rms)} of I_ref / I (RMS)",
                       "name the file in the project of the paint test")  # fmt: skip
+
+
+def calibration_findings(warnings: Sequence[str]) -> list[Finding]:
+    """Of what is said of a paint's calibration: a table that says nothing of the temperature."""
+    step = "divide all rows by one light, that of the reference pressure and temperature, and calibrate again"
+    return [Finding(DOUBTFUL, "weak", said, step) for said in warnings if said.startswith(OWN_REFERENCE)]
 
 
 def temperature_verdict(law: TemperaturePaint, cell: CellTable) -> Verdict:

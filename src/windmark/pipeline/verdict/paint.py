@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from windmark.errors import g2, g3
+from windmark.paint.well_tests import DOUBTED
 from windmark.pipeline.likely_unit import model_box
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.verdict import rules
@@ -16,6 +17,7 @@ from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Mesh
+from windmark.tasks.psp.plausible import EXTRAPOLATED
 
 
 def psp_verdict(
@@ -45,7 +47,7 @@ def psp_verdict(
     found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
     found += further
     for r in good:
-        found += [f.at(r.name) for f in (*_missing(r, sections), *_taps(r), *_light(r))]
+        found += [f.at(r.name) for f in (*_missing(r, sections), *_taps(r), *_wall(r), *_calibrated(r), *_light(r))]
     sigma, shown = middle([r.median_sigma_cp for r in good]), min(r.shown.get("all", 1.0) for r in good)
     return Verdict.of(
         found,
@@ -64,12 +66,16 @@ def _compared(r: PointRecord) -> bool:
 
 
 def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
-    """What was asked for and is in no result: sections, and most of the surface that cameras look at."""
+    """What was asked for and is in no result: sections, loads, and most of the surface that cameras look at."""
     lacks = [name for name in sections if name not in {s.name for s in r.sections}]
     if lacks:
         one = f"section {lacks[0]}"
         words = next((said for said in r.remarks if said.startswith(f"{one}: ")), one)
         yield Finding(DOUBTFUL, "lost", f"left out: {words}", "correct it in the project, or take it out")
+    refused = next((said for said in r.remarks if said.startswith("no loads: ")), "")
+    if refused:
+        step = "see the reason: correct grid or project, or take the loads out of the project"
+        yield Finding(DOUBTFUL, "lost", refused.replace("integrate_loads: ", ""), step)
     shown = r.shown.get("all", 1.0)
     if r.seen < rules.COVERED * shown:
         yield Finding(
@@ -108,6 +114,22 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
             f"{g3(r.fit['rms_Pa'])} Pa",
             "look for blocked taps",
         )
+
+
+def _wall(r: PointRecord) -> Iterator[Finding]:
+    """The wall's temperature."""
+    for said in r.remarks:
+        if said.startswith(DOUBTED):
+            step = "check the readings, names and places; where the wall varies by so much, say temperature.sigma_K"
+            yield Finding(DOUBTFUL, "temperature", said, step)
+
+
+def _calibrated(r: PointRecord) -> Iterator[Finding]:
+    """A calibration that is used beyond its ends, where no taps say whether it holds there."""
+    for said in r.remarks:
+        if said.startswith(EXTRAPOLATED) and not r.fit and not _compared(r):
+            step = "calibrate the paint over all pressures and temperatures of the test, or fit the pressure to taps"
+            yield Finding(DOUBTFUL, "weak", said, step)
 
 
 def _light(r: PointRecord) -> Iterator[Finding]:

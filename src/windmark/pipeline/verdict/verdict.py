@@ -48,6 +48,7 @@ CAUSES = {
     "weak": "directions that the pictures hardly determine",
     "lost": "pictures, points, views or sections that gave no result",
     "taps": "paint and taps that do not agree",
+    "temperature": "thermocouples that do not agree",
     "covered": "little of the surface seen",
     "no match": "nothing that explains the spots",
     "time": "a time limit that came first",

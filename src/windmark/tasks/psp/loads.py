@@ -29,7 +29,10 @@ def seen_sides(mesh: Mesh, known: Mask) -> Mesh:
     width = max((len(str(n)) for n in set(mesh.volume.tolist())), default=0) + len(UNSEEN_SIDE)
     names = mesh.volume.astype(f"<U{width}")
     names[blind] = np.char.add(mesh.volume[blind].astype(f"<U{width}"), UNSEEN_SIDE)
-    return replace(mesh, volume=names)
+    out = replace(mesh, volume=names)
+    # The same surface: what was found of it once is not looked for at every point.
+    out.__dict__["_still"] = mesh.__dict__.get("_still", mesh)
+    return out
 
 
 def shown_areas(mesh: Mesh, known: Mask) -> dict[str, float]:

@@ -1,13 +1,16 @@
-"""What no stream and no taps can say: units that are mixed, gauge pressures, pictures that were exchanged."""
+"""What no stream and no taps can say: units that are mixed, gauge pressures, pictures that were exchanged; and what a
+calibration does not say: pressures and temperatures beyond it.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import g3
-from windmark.paint import InSitu, NodeField, TunnelConditions
+from windmark.errors import g2, g3
+from windmark.paint import InSitu, NodeField, PressureMap, SternVolmer, TunnelConditions, TunnelGain
 from windmark.paint.cp import AIR
+from windmark.paint.stern_volmer import PRESSURE_OUTSIDE, TEMPERATURE_OUTSIDE
 
 Array = NDArray[np.float64]
 
@@ -22,6 +25,10 @@ LOWEST = -10.0
 LEVEL, SLOPE = 2.0, 4.0
 """Factors by which readings of taps may differ from the paint's a-priori pressure, and change with it. The nearest
 units that are mixed up (psi and kPa) differ by 6.9."""
+BEYOND = 0.1
+"""Part of a calibrated range by which a law may be used beyond its ends."""
+EXTRAPOLATED = "the paint's calibration is extrapolated: "
+"""Begins what is said where that is done on more than `PART` of the surface."""
 
 
 def mach_of(stream: TunnelConditions) -> float:
@@ -53,6 +60,30 @@ def beyond_stream(cp: NodeField, stream: TunnelConditions) -> str:
         return (f"on {100 * under:.0f} % of the surface Cp is below {g3(least)}, {words} (median "
                 f"{g3(np.median(value))}): {causes}")  # fmt: skip
     return ""
+
+
+def beyond_calibration(prior: PressureMap, temperature: NodeField, law: SternVolmer | TunnelGain) -> list[str]:
+    """How much of the surface lies outside the paint's calibration, in pressure and in temperature; nothing of none.
+
+    A gain is of a steady pressure, in units of its own: how far it is used beyond its ends is not looked at.
+    """
+    on, out = prior.field.known, []
+    for what, bit, value, span, unit in (
+        ("pressure", PRESSURE_OUTSIDE, prior.field.value, law.p_range, law.pressure_unit),
+        ("temperature", TEMPERATURE_OUTSIDE, temperature.value, law.t_range, law.temperature_unit),
+    ):
+        share = float(np.mean((prior.flags[on] & bit) > 0)) if on.any() else 0.0
+        if not share > 0:
+            continue
+        within = f"in {what} ({span[0]:g} to {span[1]:g} {unit})"
+        room = BEYOND * (span[1] - span[0])
+        far = (value[on] < span[0] - room) | (value[on] > span[1] + room)
+        if isinstance(law, SternVolmer) and far.mean() > PART:
+            out.append(f"{EXTRAPOLATED}{g2(100 * share)} % of the nodes lie outside it {within}, "
+                       f"{g2(100 * far.mean())} % by more than a tenth of its range")  # fmt: skip
+        else:
+            out.append(f"{g2(100 * share)} % of the nodes lie outside the paint's calibration {within}")
+    return out
 
 
 def other_unit(readings: Array, prior: Array, fit: InSitu | None = None) -> str:

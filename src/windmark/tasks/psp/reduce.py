@@ -26,7 +26,7 @@ from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
 from windmark.tasks.psp.loads import seen_loads
 from windmark.tasks.psp.patching import patched
-from windmark.tasks.psp.plausible import beyond_stream
+from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
 
@@ -147,6 +147,7 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     prior = _pressure(ratio, temperature, task)
     if not prior.field.known.any():
         raise DataError(f"no node has a pressure: {_why(prior.flags, temperature, task.law)}")
+    remarks += beyond_calibration(prior, temperature, task.law)
     pressure, fit, taps = at_taps(rest, prior.field, filled, task.taps, task.fit_taps, remarks)
     cp = pressure_coefficient(pressure, task.conditions)
     if impossible := beyond_stream(cp, task.conditions):
@@ -184,6 +185,7 @@ def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) ->
         return thermocouple_temperature(
             np.where(seen[:, None], rest.vertices, np.nan), wells.xyz, wells.value, sigma=wells.sigma,
             length=task.wall_length or WALL * rest.diagonal, spread=task.wall_sigma,
+            names=wells.names, remarks=remarks,
         )  # fmt: skip
     if task.recovery is None:
         raise DataError("there is no temperature: no thermocouple has a reading and no recovery is given")
