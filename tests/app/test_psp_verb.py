@@ -110,6 +110,7 @@ def test_a_mistake_in_one_point_gets_a_sentence_and_stops_no_other(windmark, cop
         "bright": {"on": "images/bright/on-{camera}-*.tif"},
         "gloomy": {"on": "images/gloomy/on-{camera}-*.tif"},
         "cold": {"T0_K": ""},
+        "same": {"on": good["off"]},
     }
     write(copied / "points.csv", [good, *({**good, "point": name, **other} for name, other in wrong.items())])
     done = windmark("psp", copied / "psp.toml", "--json", "--threads", "2")
@@ -121,6 +122,7 @@ def test_a_mistake_in_one_point_gets_a_sentence_and_stops_no_other(windmark, cop
         "mixed-units": "units are mixed", "other-unit": "its unit is another one",
         "no-temperature": "T_off is missing", "bright": "is saturated", "gloomy": "dark picture is brighter",
         "cold": "temperature is missing",
+        "same": "wind-off picture off-cam1-0.tif of cam1 is wind-on picture off-cam1-0.tif of cam1",
     }.items():  # fmt: skip
         assert said[name][0] == "failed", name
         assert words in said[name][1], said[name]

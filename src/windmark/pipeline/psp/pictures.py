@@ -15,34 +15,15 @@ from windmark.paint import correct_picture, enough
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.pictures import follow_deformation, read
 from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.sensors import pictures_named
 from windmark.pipeline.psp.table import WIND_OFF
+from windmark.pipeline.psp.taken import Taken, said
+from windmark.pipeline.same_picture import content_of
 from windmark.tasks.deform.task import FrameImages
 from windmark.tasks.psp import BadPicture, ModelPicture, moved_grid
 
 Array = NDArray[np.float64]
-Image = NDArray[np.generic]
-
-
-@dataclass(frozen=True, eq=False)
-class Taken:
-    """A picture of a camera.
-
-    Parameters
-    ----------
-    name : its file's
-    image : grey levels; None where it cannot be used
-    light, variance : (H, W), NaN where a pixel cannot be used
-    lasting : (H, W) part of the variance that is the same error in all pictures of the camera
-    why : it cannot be used, "" where it can
-    """
-
-    name: str
-    image: Image | None
-    light: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    variance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    lasting: Array | float = 0.0
-    why: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +50,17 @@ class Found:
     followed: tuple[Followed, ...] = ()
 
 
-def read_pictures(test: PspTest, kind: str, pattern: str) -> dict[str, list[Taken]]:
+def read_pictures(test: PspTest, kind: str, pattern: str, once: Once) -> dict[str, list[Taken]]:
     """Camera -> its pictures in order, with their light. Pictures of one number, of all cameras, are of one instant.
+
+    Parameters
+    ----------
+    once : the point's pictures so far
 
     Raises
     ------
     DataError
-        Where there are none, or too few of a camera can be used (`paint.enough`).
+        Where there are none, too few of a camera can be used (`paint.enough`), or one is of another kind, too.
     """
     if not pattern:
         missing = ": the reference is missing" if kind.startswith(WIND_OFF) else ""
@@ -87,11 +72,13 @@ def read_pictures(test: PspTest, kind: str, pattern: str) -> dict[str, list[Take
     if not any(out.values()):
         missing = "the reference is missing: " if kind.startswith(WIND_OFF) else ""
         raise DataError(f"{missing}no {kind} picture matches {pattern!r} beside the project")
+    out = once.of(kind, out)
     for camera, pictures in out.items():
-        good = sum(not p.why for p in pictures)
-        if pictures and not enough(good, len(pictures)):
+        count = sum(not p.copy for p in pictures)
+        good = sum(p.image is not None for p in pictures)
+        if pictures and not enough(good, count):
             first = next(p for p in pictures if p.why)
-            raise DataError(f"only {good} of {len(pictures)} {kind} pictures of {camera} can be used; the first that "
+            raise DataError(f"only {good} of {count} {kind} pictures of {camera} can be used; the first that "
                             f"cannot is {first.name}: {first.why}")  # fmt: skip
     return {name: pictures for name, pictures in out.items() if pictures}
 
@@ -105,12 +92,7 @@ def _taken(test: PspTest, camera: str, file: io.PictureFile) -> Taken:
     except WindmarkError as error:
         return Taken(file.name, None, why=str(error))
     value, variance = (np.where(done.usable, v, np.nan) for v in (done.value, done.variance))
-    return Taken(file.name, image, value, variance, done.lasting)
-
-
-def said(kind: str, camera: str, picture: Taken) -> str:
-    """A picture in words."""
-    return f"{kind} picture {picture.name} of {camera}"
+    return Taken(file.name, image, value, variance, done.lasting, content=content_of(image))
 
 
 def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Found:
@@ -121,7 +103,7 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
     DataError
         Where it is found in none.
     """
-    bad = tuple(BadPicture(said(kind, n, p), n, p.why) for n, own in raw.items() for p in own if p.image is None)
+    bad = tuple(BadPicture(said(kind, n, p), n, p.why) for n, own in raw.items() for p in own if p.why)
     frames = []
     for k in range(max(len(p) for p in raw.values())):
         images = {n: own[k].image for n, own in raw.items() if k < len(own) and own[k].image is not None}

@@ -13,6 +13,7 @@ from windmark.compiling import working_time
 from windmark.errors import DataError, WindmarkError, g2, g3
 from windmark.paint import LoadReference, TunnelConditions, TunnelGain
 from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
 from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable, reference_kind
 from windmark.pipeline.psp.wall import steady_of, wall_of
@@ -68,15 +69,16 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     stream = row.conditions()
     _check_paint(test, row)
     steady, about = steady_of(test, row)
-    raw = read_pictures(test, WIND_ON, row.on)
+    once = Once(test.sensors)
+    raw = read_pictures(test, WIND_ON, row.on, once)
     clock.lap("read")
     on = the_model_in(test, WIND_ON, raw)
     clock.lap("find the model")
     alpha = _incidence(test, row.alpha_deg, on)
-    off = References(test, row)
+    off = References(test, row, once)
     ratio = _ratio(test, on, off)
     clock.lap("reference, ratio on the model")
-    others = {name: channel_ratio(test, row, name) for name in row.channels}
+    others = {name: channel_ratio(test, row, name, once) for name in row.channels}
     if others:
         clock.lap("other colours")
     if "reference" in others:
@@ -85,7 +87,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     state = on.states[0]
     task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady)
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
-    said = [*row.remarks, *wall.remarks, *about]
+    said = [*row.remarks, *once.remarks, *wall.remarks, *about]
     if not np.isfinite(stream.mach):
         said.append(f"no Mach number is given to test the pressures by: p_inf and q_inf are those of Mach "
                     f"{g3(mach_of(stream))}")  # fmt: skip
@@ -112,8 +114,8 @@ class References:
     What cannot be used says why, see `ratio_of`.
     """
 
-    def __init__(self, test: PspTest, row: PointRow, colour: str = "") -> None:
-        self.row, self._test, self._colour = row, test, colour
+    def __init__(self, test: PspTest, row: PointRow, once: Once, colour: str = "") -> None:
+        self.row, self._test, self._once, self._colour = row, test, once, colour
         self.found = Found((), (), ())
 
     def __iter__(self) -> Iterator[Reference]:
@@ -135,22 +137,23 @@ class References:
 
     def _part(self, kind: str, pattern: str) -> Found:
         """The model in the pictures of a part; without the pictures themselves it is kept."""
-        new = the_model_in(self._test, kind, read_pictures(self._test, kind, pattern))
+        new = the_model_in(self._test, kind, read_pictures(self._test, kind, pattern, self._once))
         old = self.found
         self.found = Found((), (*old.states, *new.states), (*old.rms_px, *new.rms_px), {**old.troubles, **new.troubles},
                            (*old.bad, *new.bad), (*old.names, *new.names), (*old.followed, *new.followed))  # fmt: skip
         return new
 
 
-def channel_ratio(test: PspTest, row: PointRow, name: str) -> MergedRatio:
+def channel_ratio(test: PspTest, row: PointRow, name: str, once: Once) -> MergedRatio:
     """The ratio wind-off / wind-on of another colour, in whose pictures the model is found anew."""
     off = [part.channels.get(name, "") for part in row.parts] or [row.channels[name][1]]
     off = [] if row.own else off  # one of a run is left out, see `References`
     for kind, pattern in ((WIND_ON, row.channels[name][0]), *((WIND_OFF, pattern) for pattern in off)):
         if not pattern:
             raise DataError(f"the table of points names {name} pictures, but none {kind} (line {row.line})")
-    on = the_model_in(test, f"{WIND_ON} {name}", read_pictures(test, f"{WIND_ON} {name}", row.channels[name][0]))
-    return _ratio(test, on, References(test, row, name))
+    kind = f"{WIND_ON} {name}"
+    on = the_model_in(test, kind, read_pictures(test, kind, row.channels[name][0], once))
+    return _ratio(test, on, References(test, row, once, name))
 
 
 class _Clock:
