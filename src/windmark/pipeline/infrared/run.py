@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, tee
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from windmark.errors import WindmarkError
+from windmark.errors import DataError, WindmarkError
 from windmark.paint import dominant
 from windmark.pipeline import same_run
 from windmark.pipeline.deform.pictures import follow_deformation
@@ -23,6 +23,7 @@ from windmark.pipeline.infrared.frame import run_frame
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
 from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
 from windmark.pipeline.infrared.record import FAILED, FrameRecord
+from windmark.pipeline.infrared.repeats import REPEATS, repeated_in, without_repeats
 from windmark.pipeline.infrared.steady import SteadyMap, steady_map
 from windmark.pipeline.infrared.store import Store
 from windmark.pipeline.resume import CHUNK, SeriesJournal, check_state, read_stopped
@@ -101,7 +102,7 @@ def run_infrared(
     try:
         if stopped is None:
             journal.begin(made, {})
-        for record in _follow(run, store, frames, handed_on):
+        for record in _follow(run, store, frames, run.timeline.frames[: len(records)], handed_on):
             journal.add(record, handed_on)
             records.append(record)
             if len(records) % CHUNK == 0:
@@ -113,29 +114,36 @@ def run_infrared(
 
 
 def _follow(
-    run: InfraredRun, store: Store, frames: Iterable[FrameImages], handed_on: dict[str, Any]
-) -> Iterator[FrameRecord]:
+    run: InfraredRun, store: Store, frames: Iterable[FrameImages], before: Sequence[FrameImages],
+    handed_on: dict[str, Any],
+) -> Iterator[FrameRecord]:  # fmt: skip
     """The records of the frames; what they leave is in the store before."""
-    taken: list[FrameImages] = []
+    taken: list[tuple[FrameImages, FrameImages]] = []
 
     def noted() -> Iterator[FrameImages]:
-        for images in frames:
-            taken.append(images)
-            yield images
+        given, asked = tee(frames)
+        for whole, new in zip(given, without_repeats(asked, before, run.deforming.test), strict=True):
+            taken.append((whole, new))
+            yield new
 
     for frame in follow_deformation(noted(), run.deforming.test, handed_on=handed_on):
-        yield one_frame(run, store, frame, taken.pop(0))
+        whole, new = taken.pop(0)
+        yield replace(one_frame(run, store, frame, new), pictures=pictures_of(whole))
 
 
 def one_frame(run: InfraredRun, store: Store, frame: DeformedFrame, images: FrameImages) -> FrameRecord:
     """Reduce a frame and put it into the store; whatever is wrong with its data becomes its record's reason."""
-    pictures = pictures_of(images)
+    pictures, repeated = pictures_of(images), repeated_in(images)
+    said = [f"{name}: {REPEATS}" for name in repeated]
     try:
+        if repeated and not images.images:
+            raise DataError("; ".join(said))
         done = run_frame(run, frame, images, pictures)
     except WindmarkError as error:
-        return FrameRecord(frame.key, frame.index, float(run.times[frame.index]), pictures, FAILED, str(error))
+        return FrameRecord(frame.key, frame.index, float(run.times[frame.index]), pictures, FAILED, str(error),
+                           repeated=repeated)  # fmt: skip
     store.put(frame.index, done.vertices, done.cameras)
-    return done.record
+    return replace(done.record, remarks=(*said, *done.record.remarks), repeated=repeated)
 
 
 def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameRecord]) -> InfraredResult:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from windmark.errors import g2
+from windmark.pipeline.alike import listed
 from windmark.pipeline.infrared import FrameRecord
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
@@ -34,7 +35,7 @@ def infrared_verdict(
             "see the reason; run windmark register on one of its pictures",
         )
     lost = [(r.key, r.reason) for r in records if r.status != "reduced"]
-    found = [*grid, *lost_findings(lost, len(records), "frames")]
+    found = [*grid, *_repeated(records), *lost_findings(lost, len(records), "frames")]
     found += followed_findings([r.followed for r in good], unit)
     if (seen := middle([r.seen for r in good])) < rules.COVERED * max(r.seen for r in good):
         found.append(
@@ -68,6 +69,19 @@ def infrared_verdict(
         "their sigmas as given)",
         "use the fields with their sigmas",
     )
+
+
+def _repeated(records: Sequence[FrameRecord]) -> list[Finding]:
+    """Cameras of which many pictures are no new ones: when those between them were taken is not sure either."""
+    out = []
+    for name in dict.fromkeys(c for r in records for c in r.repeated):
+        of = [r.key for r in records if name in r.repeated]
+        if len(of) > rules.LOST * len(records):
+            words = (f"{len(of)} of {len(records)} pictures of {name} repeat the one before and do not count "
+                     f"({listed('frame', of)})")  # fmt: skip
+            step = "see why frames were dropped (disk, link, too high a rate), and whether the times are true"
+            out.append(Finding(DOUBTFUL, "lost", words, step))
+    return out
 
 
 def _flux(good: Sequence[FrameRecord]) -> list[Finding]:
