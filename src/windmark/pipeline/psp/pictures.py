@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +41,8 @@ class Found:
     bad : pictures that cannot be used
     names : of the pictures, also where they themselves are no longer kept
     followed : what was said of the instants that have a state
+    instants : of each picture, the number of its state
+    several : what tells that they are of several states, in words
     """
 
     pictures: tuple[ModelPicture, ...]
@@ -48,6 +52,8 @@ class Found:
     bad: tuple[BadPicture, ...] = ()
     names: tuple[str, ...] = ()
     followed: tuple[Followed, ...] = ()
+    instants: tuple[int, ...] = ()
+    several: tuple[str, ...] = ()
 
 
 def read_pictures(test: PspTest, kind: str, pattern: str, once: Once) -> dict[str, list[Taken]]:
@@ -68,7 +74,8 @@ def read_pictures(test: PspTest, kind: str, pattern: str, once: Once) -> dict[st
     out = {}
     for station in test.deforming.test.stations:
         files = pictures_named(test.project, pattern, station.name)
-        out[station.name] = [_taken(test, station.name, file) for file in files]
+        named = zip(_names(files), files, strict=True)
+        out[station.name] = [_taken(test, station.name, name, file) for name, file in named]
     if not any(out.values()):
         missing = "the reference is missing: " if kind.startswith(WIND_OFF) else ""
         raise DataError(f"{missing}no {kind} picture matches {pattern!r} beside the project")
@@ -83,16 +90,23 @@ def read_pictures(test: PspTest, kind: str, pattern: str, once: Once) -> dict[st
     return {name: pictures for name, pictures in out.items() if pictures}
 
 
-def _taken(test: PspTest, camera: str, file: io.PictureFile) -> Taken:
+def _names(files: Sequence[io.PictureFile]) -> list[str]:
+    """What pictures are called in messages: with their folder where two of them have one name."""
+    often = Counter(file.name for file in files)
+    places = [(file if isinstance(file, Path) else file.path).parent.name for file in files]
+    return [f"{place}/{f.name}" if often[f.name] > 1 else f.name for place, f in zip(places, files, strict=True)]
+
+
+def _taken(test: PspTest, camera: str, name: str, file: io.PictureFile) -> Taken:
     """A picture with light and variance, NaN where a pixel cannot be used."""
     most = test.project.radiometry.max_saturated
     try:
         image = read(file, test.deforming.test.station(camera))
         done = correct_picture(image, test.sensors[camera].model, most_saturated=most)
     except WindmarkError as error:
-        return Taken(file.name, None, why=str(error))
+        return Taken(name, None, why=str(error))
     value, variance = (np.where(done.usable, v, np.nan) for v in (done.value, done.variance))
-    return Taken(file.name, image, value, variance, done.lasting, content=content_of(image))
+    return Taken(name, image, value, variance, done.lasting, content=content_of(image))
 
 
 def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Found:
@@ -110,7 +124,7 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
         if images:
             frames.append(FrameImages(f"{k}", float(k), images))
     seen: list[ModelPicture] = []
-    states, rms, troubles, followed = [], [], {}, []
+    states, rms, troubles, followed, instants = [], [], {}, [], []
     for frame in follow_deformation(frames, test.deforming.test):
         state, k = frame.state, int(frame.key)
         if state is None:
@@ -122,6 +136,7 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
         rms.append(state.rms_px)
         followed.append(Followed.of(frame, f"{kind} picture {k + 1}", test.deforming.test))
         mesh, moves = moved_grid(state, test.mesh)
+        instants += [len(states) - 1] * len(frame.views)
         for name in frame.views:
             own, station = raw[name][k], test.deforming.test.station(name)
             lens = state.cameras.get(name, station.camera)
@@ -131,4 +146,5 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
             ))  # fmt: skip
     if not states:
         raise DataError(f"no {kind} picture can be used; {next(iter(troubles.values()))}")
-    return Found(tuple(seen), tuple(states), tuple(rms), troubles, bad, tuple(p.name for p in seen), tuple(followed))
+    return Found(tuple(seen), tuple(states), tuple(rms), troubles, bad, tuple(p.name for p in seen), tuple(followed),
+                 tuple(instants))  # fmt: skip

@@ -12,6 +12,7 @@ from windmark import io
 from windmark.compiling import working_time
 from windmark.errors import DataError, WindmarkError, g2, g3
 from windmark.paint import LoadReference, TunnelConditions, TunnelGain
+from windmark.pipeline.psp.incidence import at_incidence, of_one_state
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
@@ -74,7 +75,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     clock.lap("read")
     on = the_model_in(test, WIND_ON, raw)
     clock.lap("find the model")
-    alpha = _incidence(test, row.alpha_deg, on)
+    on, alpha = at_incidence(test.project.points, row.alpha_deg, on)
     off = References(test, row, once)
     ratio = _ratio(test, on, off)
     clock.lap("reference, ratio on the model")
@@ -123,24 +124,30 @@ class References:
         if not row.parts:
             kind = reference_kind(self._colour)
             found = self._part(kind, row.channels[self._colour][1] if self._colour else row.off)
+            found = self._kept(of_one_state(self._test.project.points, found, kind))
             yield Reference(found.pictures, 1.0, found.bad)
             return
         for part in row.parts:
             kind = reference_kind(self._colour, part)
             try:
                 found = self._part(kind, part.channels.get(self._colour, "") if self._colour else part.pattern)
-                _incidence(self._test, part.alpha_deg, found, "table of points" if row.own else "table of references")
+                table = "table of points" if row.own else "table of references"
+                found = self._kept(at_incidence(self._test.project.points, part.alpha_deg, found, table)[0])
             except WindmarkError as error:
                 yield Reference((), part.share, (), kind, str(error) if row.own else f"its reference {kind}: {error}")
             else:
                 yield Reference(found.pictures, part.share, found.bad, kind)
 
     def _part(self, kind: str, pattern: str) -> Found:
-        """The model in the pictures of a part; without the pictures themselves it is kept."""
-        new = the_model_in(self._test, kind, read_pictures(self._test, kind, pattern, self._once))
+        """The model in the pictures of a part."""
+        return the_model_in(self._test, kind, read_pictures(self._test, kind, pattern, self._once))
+
+    def _kept(self, new: Found) -> Found:
+        """A part that counts; without the pictures themselves it is kept."""
         old = self.found
         self.found = Found((), (*old.states, *new.states), (*old.rms_px, *new.rms_px), {**old.troubles, **new.troubles},
-                           (*old.bad, *new.bad), (*old.names, *new.names), (*old.followed, *new.followed))  # fmt: skip
+                           (*old.bad, *new.bad), (*old.names, *new.names), (*old.followed, *new.followed), (),
+                           (*old.several, *new.several))  # fmt: skip
         return new
 
 
@@ -153,6 +160,7 @@ def channel_ratio(test: PspTest, row: PointRow, name: str, once: Once) -> Merged
             raise DataError(f"the table of points names {name} pictures, but none {kind} (line {row.line})")
     kind = f"{WIND_ON} {name}"
     on = the_model_in(test, kind, read_pictures(test, kind, row.channels[name][0], once))
+    on, _ = at_incidence(test.project.points, row.alpha_deg, on)
     return _ratio(test, on, References(test, row, once, name))
 
 
@@ -183,24 +191,6 @@ def _check_paint(test: PspTest, row: PointRow) -> None:
                     f"{what} is {value:g} {unit}, outside the paint's calibration ({low:g} to {high:g} {unit}): its "
                     f"unit is another one, or the cell is wrong ({where})"
                 )
-
-
-def _incidence(test: PspTest, alpha_deg: float, on: Found, table: str = "table of points") -> float:
-    """The incidence that the pictures show; DataError where the table has another one.
-
-    Where the laws do not explain what the markers show that is said too: a bent wing that may not bend looks turned.
-    """
-    entry = test.project.points
-    pitch = float(np.degrees(np.arcsin(on.states[0].tunnel_from_model.rotation[0, 2])))
-    seen = entry.alpha_at_rest_deg + pitch
-    if abs(seen - alpha_deg) > entry.max_alpha_error_deg:
-        also = next(iter(on.troubles.values()), "")
-        raise DataError(
-            f"its pictures show an incidence of {seen:.2f} degrees, the {table} says {alpha_deg:g}: rows "
-            "and pictures were exchanged, or points.alpha_at_rest_deg is not that of markers and grid"
-            + (f"; and the markers say: {also}" if also else "")
-        )
-    return seen
 
 
 def sampling_of(test: PspTest) -> Sampling:
