@@ -297,3 +297,24 @@ def test_a_model_that_no_camera_shows_is_told(windmark, copied):
     assert "no frame could be reduced; the first:" in done.err
     assert "the model was not found" in done.err
     assert json.loads((copied / "infrared" / "summary.json").read_text())["failed"] == 3
+
+
+@pytest.mark.slow
+def test_even_pictures_are_inputs_of_the_run_however_they_are_named(copied):
+    import tifffile
+
+    from windmark.pipeline.infrared import load_infrared, made_with, read_infrared_project
+    from windmark.pipeline.same_run import changed
+
+    short(copied, 7)
+    place = copied / "calibration"
+    tifffile.imwrite(place / "warm.tif", np.stack([io.read_grey(f) for f in sorted(place.glob("warm-cam1-*.tif"))]))
+    replaced(copied / "infrared.toml", ('"calibration/cold', f'"{place.as_posix()}/cold'),
+             ("warm-cam1-*.tif", "warm.tif[0]"))  # fmt: skip
+    before = made_with(load_infrared(read_infrared_project(copied / "infrared.toml")))
+    assert {"calibration/warm.tif", "calibration/cold-cam1-0.tif"} <= set(before["files"])
+    assert not any("images" in name for name in before["files"])
+    with open(place / "cold-cam1-3.tif", "ab") as stream:
+        stream.write(b"0")
+    now = made_with(load_infrared(read_infrared_project(copied / "infrared.toml")))
+    assert changed(before, now) == "calibration/cold-cam1-3.tif has changed since"

@@ -249,3 +249,25 @@ def test_what_all_points_need_is_refused_before_any_is_reduced(windmark, copied)
     done = windmark("psp", copied / "psp.toml", "--json")
     assert done.code == 2
     assert "paint.cell" in json.loads(done.out)["error"]
+
+
+@pytest.mark.slow
+def test_dark_and_flat_pictures_in_one_file_are_inputs_of_the_run(copied):
+    import tifffile
+
+    from windmark.pipeline.psp import load_psp, made_with, read_psp_project
+    from windmark.pipeline.same_run import changed
+
+    for kind in ("dark", "flat"):
+        for camera in ("cam1", "cam2"):
+            files = sorted((copied / "calibration").glob(f"{kind}-{camera}-*.tif"))
+            whole = np.stack([io.read_grey(f) for f in files])
+            tifffile.imwrite(copied / "calibration" / f"{kind}-{camera}.tif", whole, photometric="minisblack")
+    text = (copied / "psp.toml").read_text()
+    (copied / "psp.toml").write_text(text.replace("{camera}-*.tif\"", "{camera}.tif\""))
+    before = made_with(load_psp(read_psp_project(copied / "psp.toml")))
+    assert {f"calibration/{k}-{c}.tif" for k in ("dark", "flat") for c in ("cam1", "cam2")} <= set(before["files"])
+    with open(copied / "calibration" / "dark-cam1.tif", "ab") as stream:
+        stream.write(b"0")
+    now = made_with(load_psp(read_psp_project(copied / "psp.toml")))
+    assert changed(before, now) == "calibration/dark-cam1.tif has changed since"

@@ -210,12 +210,12 @@ def made_with(run: InfraredRun) -> dict[str, Any]:
     files = deform_inputs(as_deform(project))
     for c in project.camera:
         files += [] if c.black_bodies is None else [(f"camera {c.name}: black_bodies", c.black_bodies)]
-        for k, pattern in enumerate(c.even):
-            found = sorted(project.path.parent.glob(pattern)) if not Path(pattern).is_absolute() else []
-            files += [(f"camera {c.name}: even[{k}] {p.name}", p) for p in found]
     if project.surface.table is not None:
         files.append(("surface.table", project.surface.table))
     files += [(f"points {p.label}: file", p.file) for p in project.points]
     said = {f"[{k}] of the project": v for k, v in options.items()}
     wind_off = wind_off_frames(run.deforming.project, run.timeline)
+    items = [item for frame in run.timeline.frames for item in frame.images.values()]
+    pictures = {item if isinstance(item, Path) else item.path for item in items}
+    files = same_run.with_all(files, run.read, project.path, pictures)
     return same_run.made_with("infrared", said | prints_of(wind_off), files)
