@@ -20,6 +20,7 @@ from windmark.pipeline.deform.resume import named, pictures_of, prints_of
 from windmark.pipeline.deform.run import wind_off_frames, zeroed
 from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes, risen_before
 from windmark.pipeline.infrared.frame import run_frame
+from windmark.pipeline.infrared.jumps import jumps
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
 from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
 from windmark.pipeline.infrared.record import FAILED, FrameRecord
@@ -154,6 +155,8 @@ def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameR
     if run.walls and good and not done:
         remarks.append("there is no heat flux: no frame with temperatures is left before the heating began, or after")
     if (said := risen_before(run, store, done)):
+        remarks.append(said)
+    if (said := jumps(run, store, done)):
         remarks.append(said)
     maker, points = FieldMaker(run, store, done), PointHistories(run)
     out, every = [], run.project.output.every
