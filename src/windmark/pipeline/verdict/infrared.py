@@ -9,6 +9,7 @@ import numpy as np
 from windmark.errors import g2
 from windmark.pipeline.alike import listed
 from windmark.pipeline.infrared import FrameRecord
+from windmark.pipeline.infrared.likely import OddUnit
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
@@ -69,6 +70,20 @@ def infrared_verdict(
         "their sigmas as given)",
         "use the fields with their sigmas",
     )
+
+
+def unit_findings(odd: Sequence[OddUnit], surroundings_K: float) -> list[Finding]:
+    """Cameras whose numbers are rather in another unit than is said."""
+    return [
+        Finding(
+            DOUBTFUL,
+            "units",
+            f"the middle of the first picture of {o.camera} is {o.kelvin:.0f} K in {o.unit}, the surroundings are "
+            f"{surroundings_K:.0f} K: its numbers are rather in {o.other} ({o.other_K:.0f} K)",
+            f"say unit = \"{o.other}\" of camera {o.camera}, or correct scale and offset",
+        )
+        for o in odd
+    ]
 
 
 def _repeated(records: Sequence[FrameRecord]) -> list[Finding]:
