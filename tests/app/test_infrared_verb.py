@@ -160,6 +160,26 @@ def test_bad_frames_stop_no_others_and_leave_gaps_that_are_flagged(windmark, cop
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
+def test_frames_that_repeat_the_one_before_are_gaps_and_told(windmark, copied):
+    short(copied, 11)
+    for k in (5, 8):
+        shutil.copy(copied / "images" / f"cam1-{k - 1:04d}.tif", copied / "images" / f"cam1-{k:04d}.tif")
+    done = windmark("infrared", copied / "infrared.toml", "--json")
+    assert done.code == 0, done.err
+    failed = {r["frame"]: r["reason"] for r in done.json["results"] if r["status"] == "failed"}
+    assert [*failed] == ["5", "8"]
+    assert set(failed.values()) == {"cam1: its picture repeats the one before: the camera dropped a frame, and it does "
+                                    "not count"}  # fmt: skip
+    assert done.json["verdict"]["word"] == "doubtful"
+    assert "2 of 12 pictures of cam1 repeat the one before" in done.json["verdict"]["reason"]
+    after, true = (io.read_nodes_netcdf(p / "11.nc")[1] for p in (copied / "infrared" / "frames", copied / "truth"))
+    off = (after["heat_flux"] - true["heat_flux"]) / after["sigma_heat_flux"]
+    on = np.isfinite(off) & (after["flags"].astype(int) & DOUBTFUL == 0)
+    assert np.mean(np.abs(off[on]) < 1.96) > 0.85
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_heating_that_began_before_its_start_is_told(windmark, copied):
     short(copied, 9)
     replaced(copied / "infrared.toml", ("start_s = 0.28", "start_s = 0.42"))
@@ -277,3 +297,24 @@ def test_a_model_that_no_camera_shows_is_told(windmark, copied):
     assert "no frame could be reduced; the first:" in done.err
     assert "the model was not found" in done.err
     assert json.loads((copied / "infrared" / "summary.json").read_text())["failed"] == 3
+
+
+@pytest.mark.slow
+def test_even_pictures_are_inputs_of_the_run_however_they_are_named(copied):
+    import tifffile
+
+    from windmark.pipeline.infrared import load_infrared, made_with, read_infrared_project
+    from windmark.pipeline.same_run import changed
+
+    short(copied, 7)
+    place = copied / "calibration"
+    tifffile.imwrite(place / "warm.tif", np.stack([io.read_grey(f) for f in sorted(place.glob("warm-cam1-*.tif"))]))
+    replaced(copied / "infrared.toml", ('"calibration/cold', f'"{place.as_posix()}/cold'),
+             ("warm-cam1-*.tif", "warm.tif[0]"))  # fmt: skip
+    before = made_with(load_infrared(read_infrared_project(copied / "infrared.toml")))
+    assert {"calibration/warm.tif", "calibration/cold-cam1-0.tif"} <= set(before["files"])
+    assert not any("images" in name for name in before["files"])
+    with open(place / "cold-cam1-3.tif", "ab") as stream:
+        stream.write(b"0")
+    now = made_with(load_infrared(read_infrared_project(copied / "infrared.toml")))
+    assert changed(before, now) == "calibration/cold-cam1-3.tif has changed since"

@@ -110,6 +110,7 @@ def test_a_mistake_in_one_point_gets_a_sentence_and_stops_no_other(windmark, cop
         "bright": {"on": "images/bright/on-{camera}-*.tif"},
         "gloomy": {"on": "images/gloomy/on-{camera}-*.tif"},
         "cold": {"T0_K": ""},
+        "same": {"on": good["off"]},
     }
     write(copied / "points.csv", [good, *({**good, "point": name, **other} for name, other in wrong.items())])
     done = windmark("psp", copied / "psp.toml", "--json", "--threads", "2")
@@ -121,6 +122,7 @@ def test_a_mistake_in_one_point_gets_a_sentence_and_stops_no_other(windmark, cop
         "mixed-units": "units are mixed", "other-unit": "its unit is another one",
         "no-temperature": "T_off is missing", "bright": "is saturated", "gloomy": "dark picture is brighter",
         "cold": "temperature is missing",
+        "same": "wind-off picture off-cam1-0.tif of cam1 is wind-on picture off-cam1-0.tif of cam1",
     }.items():  # fmt: skip
         assert said[name][0] == "failed", name
         assert words in said[name][1], said[name]
@@ -247,3 +249,25 @@ def test_what_all_points_need_is_refused_before_any_is_reduced(windmark, copied)
     done = windmark("psp", copied / "psp.toml", "--json")
     assert done.code == 2
     assert "paint.cell" in json.loads(done.out)["error"]
+
+
+@pytest.mark.slow
+def test_dark_and_flat_pictures_in_one_file_are_inputs_of_the_run(copied):
+    import tifffile
+
+    from windmark.pipeline.psp import load_psp, made_with, read_psp_project
+    from windmark.pipeline.same_run import changed
+
+    for kind in ("dark", "flat"):
+        for camera in ("cam1", "cam2"):
+            files = sorted((copied / "calibration").glob(f"{kind}-{camera}-*.tif"))
+            whole = np.stack([io.read_grey(f) for f in files])
+            tifffile.imwrite(copied / "calibration" / f"{kind}-{camera}.tif", whole, photometric="minisblack")
+    text = (copied / "psp.toml").read_text()
+    (copied / "psp.toml").write_text(text.replace("{camera}-*.tif\"", "{camera}.tif\""))
+    before = made_with(load_psp(read_psp_project(copied / "psp.toml")))
+    assert {f"calibration/{k}-{c}.tif" for k in ("dark", "flat") for c in ("cam1", "cam2")} <= set(before["files"])
+    with open(copied / "calibration" / "dark-cam1.tif", "ab") as stream:
+        stream.write(b"0")
+    now = made_with(load_psp(read_psp_project(copied / "psp.toml")))
+    assert changed(before, now) == "calibration/dark-cam1.tif has changed since"

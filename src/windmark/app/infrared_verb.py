@@ -26,8 +26,9 @@ from windmark.pipeline.infrared import (
     reduced,
     run_infrared,
 )
+from windmark.pipeline.infrared.likely import odd_units
 from windmark.pipeline.verdict.grid import grid_findings
-from windmark.pipeline.verdict.infrared import infrared_verdict
+from windmark.pipeline.verdict.infrared import infrared_verdict, unit_findings
 
 Record = dict[str, Any]
 
@@ -52,6 +53,7 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         record = summary(run, result)
         unit = run.project.length_unit
         beside = grid_findings(run.deforming.test.markers, run.mesh, unit)
+        beside += unit_findings(odd_units(run), run.project.surface.surroundings_K)
         verdict = infrared_verdict(result.records, result.remarks, unit, beside)
         page = infrared_page(run, result, out.place)
         put_verdict(page, verdict)

@@ -119,7 +119,8 @@ def _temperature(
 
     rows = len(cell.ratio)
     said = temperature_verdict(law, cell)
-    return temperature_record(law, cell.path, rows), _temperature_lines(law, rows), said, draw
+    lines = [*_temperature_lines(law, rows), *(f"note: {words}" for words in cell.remarks)]
+    return temperature_record(law, cell.path, rows), lines, said, draw
 
 
 def _temperature_lines(law: TemperaturePaint, rows: int) -> list[str]:

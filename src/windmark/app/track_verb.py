@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -21,9 +21,10 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.errors import g3
 from windmark.geometry import Camera
+from windmark.io.errors import noted
 from windmark.pipeline.grid import curved_by
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.same_run import made_with
+from windmark.pipeline.same_run import made_with, with_all
 from windmark.pipeline.track_files import FollowOptions, first_state
 from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
 from windmark.pipeline.track_series import Series, follow_series
@@ -69,8 +70,10 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     unit, lengths = wishes.unit, Lengths(wishes.unit)
     roles = tuple(wishes.roles) if wishes.roles else MODEL_ROLES
     markers, camera = lengths.markers(wishes.markers, roles), console.read_lens(wishes.camera)
+    read: set[str] = set()
     if wishes.grid is not None:
-        markers, said = curved_by(markers, wishes.grid, lengths)
+        with noted() as read:
+            markers, said = curved_by(markers, wishes.grid, lengths)
         if said:
             console.note(wishes.grid, said)
     prior = None if wishes.prior is None else lengths.camera(wishes.prior).cam_from_model
@@ -82,7 +85,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     how = FollowOptions(**options, motion=motion, prior=prior, mask=mask)
     images = io.pictures(wishes.images)
     instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
-    start, made = job_time(), _made_with(wishes, options, change)
+    start, made = job_time(), _made_with(wishes, options, change, map(Path, read))
     with console.progress(len(images)) as show, series_folder(wishes.output, go_on) as (out, go_on):
         series = follow_series(
             out.place, images, markers, camera, options=how, instants=instants, made=made, go_on=go_on,
@@ -108,14 +111,15 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     ])  # fmt: skip
 
 
-def _made_with(wishes: Wishes, options: Record, change: tuple[float, float]) -> Record:
-    """See `pipeline.same_run.made_with`; the images are looked at one by one."""
+def _made_with(wishes: Wishes, options: Record, change: tuple[float, float], read: Iterable[Path]) -> Record:
+    """See `pipeline.same_run.made_with`; the images are looked at one by one, ``read`` are the files of the grid."""
     words = {key: f"--{key.removesuffix('_px').removesuffix('_s').replace('_', '-')}" for key in options}
     asked = {words[key]: value for key, value in options.items()}
     asked |= {"--unit": wishes.unit, "--roles": wishes.roles, "--change-deg": change[0], "--change-percent": change[1]}
     files = {"--markers": wishes.markers, "--camera": wishes.camera, "--prior": wishes.prior, "--frames": wishes.frames,
              "--mask": wishes.mask, "--grid": wishes.grid}  # fmt: skip
-    return made_with("track", asked, [(key, path) for key, path in files.items() if path is not None])
+    named = [(key, path) for key, path in files.items() if path is not None]
+    return made_with("track", asked, with_all(named, read, wishes.markers))
 
 
 def stamped_instants(images: list[io.PictureFile]) -> list[float] | None:

@@ -7,6 +7,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from windmark.errors import WindmarkError
@@ -145,6 +146,22 @@ def witness() -> Iterator[dict[str, FileState]]:
         del _WITNESSES[next(k for k, other in enumerate(_WITNESSES) if other is seen)]
 
 
+_NOTED: ContextVar[tuple[set[str], ...]] = ContextVar("noted", default=())
+
+
+@contextmanager
+def noted() -> Iterator[set[str]]:
+    """The paths of all files that this thread reads in this block, also those of a block within it; see `witness` for
+    those of a whole job. A run that goes on must find them as they were.
+    """
+    seen: set[str] = set()
+    before = _NOTED.set((*_NOTED.get(), seen))
+    try:
+        yield seen
+    finally:
+        _NOTED.reset(before)
+
+
 def file_state(path: str | os.PathLike[str]) -> FileState:
     """What tells whether a file was changed."""
     try:
@@ -159,11 +176,18 @@ def was_read(path: Path) -> bool:
     return any(os.path.realpath(name) == os.path.realpath(path) for seen in _WITNESSES for name in tuple(seen))
 
 
+def note_read(path: str | os.PathLike[str]) -> None:
+    """Note that a file is read, as `reading` does; for files that others read: a library, a process apart, Python."""
+    for seen in _WITNESSES:
+        seen[os.path.abspath(path)] = file_state(path)
+    for noted_here in _NOTED.get():
+        noted_here.add(os.path.abspath(path))
+
+
 @contextmanager
 def reading(path: str | os.PathLike[str]) -> Iterator[None]:
     """Turn what the operating system says against reading ``path`` into `FileError`."""
-    for seen in _WITNESSES:
-        seen[os.path.abspath(path)] = file_state(path)
+    note_read(path)
     try:
         yield
     except OSError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
@@ -12,6 +13,7 @@ from typing import Any
 import windmark
 from windmark import io
 from windmark.io.errors import reading
+from windmark.io.manifest import relative
 from windmark.pipeline.resume import KeptFrame, begun_with
 
 
@@ -24,6 +26,27 @@ def made_with(verb: str, options: Mapping[str, Any], files: Iterable[tuple[str, 
     """
     prints = {key: _sha256(path) for key, path in files}
     return {"verb": verb, "version": windmark.__version__, "options": dict(options), "files": prints}
+
+
+def with_all(
+    named: Iterable[tuple[str, Path]], read: Iterable[Path], project: Path, besides: Iterable[Path] = ()
+) -> list[tuple[str, Path]]:
+    """The files that a project names, each with its key, and all others that were read with it, by their path.
+
+    A grid of several files, pages of a picture, what a law's file imports: no list of keys has them all.
+
+    Parameters
+    ----------
+    read : see `io.errors.noted`
+    project : the project's file
+    besides : of ``read``, what is no such file: pictures of frames, whose prints are compared frame by frame
+    """
+    out = list(named)
+    known = {os.path.realpath(path) for path in (*(p for _, p in out), *besides)}
+    for path in sorted(set(read)):
+        if os.path.realpath(path) not in known and path.is_file():
+            out.append((relative(path, project.resolve().parent), path))
+    return out
 
 
 def check_begun(folder: Path, made: Mapping[str, Any]) -> None:

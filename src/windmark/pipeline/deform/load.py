@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,8 @@ from windmark.deformation import Law, LawError, Stations, Volume, Volumes, check
 from windmark.deformation.laws.catalog import CATALOG, make_law
 from windmark.errors import WindmarkError, g3
 from windmark.geometry import Camera, Pose
-from windmark.io.errors import reading
+from windmark.io.errors import note_read, noted, reading
+from windmark.pipeline.deform.imported import imported_files
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry, no_law
 from windmark.pipeline.grid import read_grid, with_curvature
 from windmark.pipeline.lengths import Lengths
@@ -43,6 +44,7 @@ class Loaded:
     mesh : the grid; None without one
     stations : where twist and bending are reported; None without
     remarks : what is odd but no error
+    read : the files that all this was read from
     """
 
     project: DeformProject
@@ -50,6 +52,7 @@ class Loaded:
     mesh: Mesh | None
     stations: Stations | None
     remarks: tuple[str, ...]
+    read: tuple[Path, ...] = ()
 
 
 def load(project: DeformProject) -> Loaded:
@@ -60,6 +63,12 @@ def load(project: DeformProject) -> Loaded:
     FileError
         Naming the project's key, or the file, that is wrong.
     """
+    with noted() as read:
+        out = _load(project)
+    return replace(out, read=tuple(sorted(map(Path, read))))
+
+
+def _load(project: DeformProject) -> Loaded:
     lengths = project.lengths
     markers = lengths.markers(project.markers.file, project.markers.roles)
     rig = tuple(_station(project, i, c, lengths) for i, c in enumerate(project.camera))
@@ -196,7 +205,10 @@ def _law(project: DeformProject, entry: VolumeEntry, points: Array) -> Law:
     name, _, which = entry.law.partition(".py")
     file = _beside(project, Path(f"{name}.py"))
     with reading(file):
-        laws = laws_of_source(file.read_text(encoding="utf-8"), str(file))
+        text = file.read_text(encoding="utf-8")
+    laws = laws_of_source(text, str(file))
+    for other in imported_files(text):
+        note_read(other)
     which = which.removeprefix(":")
     if not which and len(laws) > 1:
         raise LawError(f"{file}: holds {', '.join(laws)}; say which, {name}.py:NAME")

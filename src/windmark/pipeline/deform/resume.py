@@ -62,14 +62,18 @@ def named(test: DeformationTest) -> dict[str, Any]:
     return {name: value for name, value in out.items() if value is not None}
 
 
-def made_with(project: DeformProject, wind_off: Mapping[str, FrameImages]) -> dict[str, Any]:
+def made_with(
+    project: DeformProject, wind_off: Mapping[str, FrameImages], read: Iterable[Path] = ()
+) -> dict[str, Any]:
     """See `same_run.made_with`; where the results go is left out.
 
-    Every frame is relative to the wind-off ones: their pictures count wherever they are in the sequence.
+    Every frame is relative to the wind-off ones: their pictures count wherever they are in the sequence. ``read``: all
+    files that the project was loaded from, see `Loaded`.
     """
     options = json.loads(project.model_dump_json(exclude={"path": True, "output": {"folder"}, "watch": True}))
     said = {f"[{k}] of the project": v for k, v in options.items()}
-    return same_run.made_with("deform", said | prints_of(wind_off), inputs(project))
+    files = same_run.with_all(inputs(project), read, project.path)
+    return same_run.made_with("deform", said | prints_of(wind_off), files)
 
 
 def prints_of(wind_off: Mapping[str, FrameImages]) -> dict[str, Any]:

@@ -144,7 +144,7 @@ def run_sequence(
         raise io.FileError(project.path, "images that arrive are paired by their numbers; cameras with clocks of their "
                            "own are measured from the disk", "camera")  # fmt: skip
     known = instants_of(project) if frames is None or project.sequence.zero else Timeline([], "")
-    made = made_with(project, wind_off_frames(project, known))
+    made = made_with(project, wind_off_frames(project, known), loaded.read)
     if resume or finish:
         check_begun(folder, made)
     out = Sequence(table=table, clock=known.clock, remarks=known.remarks)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark import io
 from windmark.deformation import vertex_volumes
 from windmark.errors import WindmarkError
+from windmark.io.errors import noted
 from windmark.paint import EmissivityTable, Wall, curvature_sum, dielectric_emissivity
 from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
 from windmark.pipeline.deform.load import Loaded, load
@@ -50,6 +52,7 @@ class InfraredRun:
     curvature : (V,) sum of the surface's curvatures, 1 / m; NaN where unknown
     points : wanted points on the grid
     remarks : what is odd but no error
+    read : the files that all this was read from
     """
 
     project: InfraredProject
@@ -66,6 +69,7 @@ class InfraredRun:
     curvature: Array
     points: tuple[PointSet, ...]
     remarks: tuple[str, ...]
+    read: tuple[Path, ...] = ()
 
     @property
     def metres(self) -> float:
@@ -81,6 +85,12 @@ def load_infrared(project: InfraredProject) -> InfraredRun:
     FileError
         Naming the project's key, or the file, that is wrong.
     """
+    with noted() as read:
+        out = _load(project)
+    return replace(out, read=tuple(sorted(map(Path, read))))
+
+
+def _load(project: InfraredProject) -> InfraredRun:
     wanted = as_deform(project)
     deforming = load(wanted)
     mesh = deforming.mesh

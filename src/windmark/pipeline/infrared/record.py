@@ -32,6 +32,7 @@ class FrameRecord:
     causes : of "T" and "q" -> (cause, share of the variance), the largest first
     followed : what was said of the model's markers
     seconds : of the frame's temperatures
+    repeated : cameras whose picture repeats the one before, and does not count
     """
 
     key: str
@@ -53,3 +54,4 @@ class FrameRecord:
     causes: Mapping[str, list[tuple[str, float]]] = field(default_factory=dict)
     followed: Followed = NOTHING
     seconds: float = 0.0
+    repeated: tuple[str, ...] = ()

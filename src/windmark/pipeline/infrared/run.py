@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, tee
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from windmark.errors import WindmarkError
+from windmark.errors import DataError, WindmarkError
 from windmark.paint import dominant
 from windmark.pipeline import same_run
 from windmark.pipeline.deform.pictures import follow_deformation
@@ -20,9 +20,11 @@ from windmark.pipeline.deform.resume import named, pictures_of, prints_of
 from windmark.pipeline.deform.run import wind_off_frames, zeroed
 from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes, risen_before
 from windmark.pipeline.infrared.frame import run_frame
+from windmark.pipeline.infrared.jumps import jumps
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
 from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
 from windmark.pipeline.infrared.record import FAILED, FrameRecord
+from windmark.pipeline.infrared.repeats import REPEATS, repeated_in, without_repeats
 from windmark.pipeline.infrared.steady import SteadyMap, steady_map
 from windmark.pipeline.infrared.store import Store
 from windmark.pipeline.resume import CHUNK, SeriesJournal, check_state, read_stopped
@@ -101,7 +103,7 @@ def run_infrared(
     try:
         if stopped is None:
             journal.begin(made, {})
-        for record in _follow(run, store, frames, handed_on):
+        for record in _follow(run, store, frames, run.timeline.frames[: len(records)], handed_on):
             journal.add(record, handed_on)
             records.append(record)
             if len(records) % CHUNK == 0:
@@ -113,29 +115,36 @@ def run_infrared(
 
 
 def _follow(
-    run: InfraredRun, store: Store, frames: Iterable[FrameImages], handed_on: dict[str, Any]
-) -> Iterator[FrameRecord]:
+    run: InfraredRun, store: Store, frames: Iterable[FrameImages], before: Sequence[FrameImages],
+    handed_on: dict[str, Any],
+) -> Iterator[FrameRecord]:  # fmt: skip
     """The records of the frames; what they leave is in the store before."""
-    taken: list[FrameImages] = []
+    taken: list[tuple[FrameImages, FrameImages]] = []
 
     def noted() -> Iterator[FrameImages]:
-        for images in frames:
-            taken.append(images)
-            yield images
+        given, asked = tee(frames)
+        for whole, new in zip(given, without_repeats(asked, before, run.deforming.test), strict=True):
+            taken.append((whole, new))
+            yield new
 
     for frame in follow_deformation(noted(), run.deforming.test, handed_on=handed_on):
-        yield one_frame(run, store, frame, taken.pop(0))
+        whole, new = taken.pop(0)
+        yield replace(one_frame(run, store, frame, new), pictures=pictures_of(whole))
 
 
 def one_frame(run: InfraredRun, store: Store, frame: DeformedFrame, images: FrameImages) -> FrameRecord:
     """Reduce a frame and put it into the store; whatever is wrong with its data becomes its record's reason."""
-    pictures = pictures_of(images)
+    pictures, repeated = pictures_of(images), repeated_in(images)
+    said = [f"{name}: {REPEATS}" for name in repeated]
     try:
+        if repeated and not images.images:
+            raise DataError("; ".join(said))
         done = run_frame(run, frame, images, pictures)
     except WindmarkError as error:
-        return FrameRecord(frame.key, frame.index, float(run.times[frame.index]), pictures, FAILED, str(error))
+        return FrameRecord(frame.key, frame.index, float(run.times[frame.index]), pictures, FAILED, str(error),
+                           repeated=repeated)  # fmt: skip
     store.put(frame.index, done.vertices, done.cameras)
-    return done.record
+    return replace(done.record, remarks=(*said, *done.record.remarks), repeated=repeated)
 
 
 def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameRecord]) -> InfraredResult:
@@ -146,6 +155,8 @@ def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameR
     if run.walls and good and not done:
         remarks.append("there is no heat flux: no frame with temperatures is left before the heating began, or after")
     if (said := risen_before(run, store, done)):
+        remarks.append(said)
+    if (said := jumps(run, store, done)):
         remarks.append(said)
     maker, points = FieldMaker(run, store, done), PointHistories(run)
     out, every = [], run.project.output.every
@@ -202,12 +213,12 @@ def made_with(run: InfraredRun) -> dict[str, Any]:
     files = deform_inputs(as_deform(project))
     for c in project.camera:
         files += [] if c.black_bodies is None else [(f"camera {c.name}: black_bodies", c.black_bodies)]
-        for k, pattern in enumerate(c.even):
-            found = sorted(project.path.parent.glob(pattern)) if not Path(pattern).is_absolute() else []
-            files += [(f"camera {c.name}: even[{k}] {p.name}", p) for p in found]
     if project.surface.table is not None:
         files.append(("surface.table", project.surface.table))
     files += [(f"points {p.label}: file", p.file) for p in project.points]
     said = {f"[{k}] of the project": v for k, v in options.items()}
     wind_off = wind_off_frames(run.deforming.project, run.timeline)
+    items = [item for frame in run.timeline.frames for item in frame.images.values()]
+    pictures = {item if isinstance(item, Path) else item.path for item in items}
+    files = same_run.with_all(files, run.read, project.path, pictures)
     return same_run.made_with("infrared", said | prints_of(wind_off), files)

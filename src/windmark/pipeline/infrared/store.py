@@ -94,6 +94,14 @@ class Store:
             out[name] = CameraTemperature(field, data[2], data[3].astype(np.uint16))
         return out
 
+    def values(self, index: int, camera: str, most: int) -> Array | None:
+        """(N,) kelvin of at most so many nodes, evenly taken, in a frame; None where the camera has none."""
+        path = self.temperature_file(index, camera)
+        if not path.is_file():
+            return None
+        row = _load(path)[0]
+        return np.asarray(row[:: max(1, -(-len(row) // most))], dtype=float)
+
     def histories(self, camera: str, indices: Sequence[int], nodes: slice) -> dict[str, Array]:
         """Row -> (H, F) of a block of nodes in some frames; NaN and 0 where the camera has none."""
         rows = self.rows(camera)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ INVERTED = "; expected I_ref / I, which rises with pressure (not I / I_ref)"
 
 @dataclass(frozen=True, eq=False)
 class CellTable:
-    """Measurements in a calibration cell: (M,) each, pascals and kelvin.
+    """Measurements in a calibration cell: (M,) each, pascals and kelvin; rows that are the same count once.
 
     Parameters
     ----------
@@ -31,6 +31,7 @@ class CellTable:
     temperature, ratio : of the cell, and I_ref / I there
     ratio_sigma : None where the table states none
     pressure_sigma, temperature_sigma : 0 where the table states none
+    remarks : what is to be said of its rows
     """
 
     path: Path
@@ -40,6 +41,7 @@ class CellTable:
     ratio_sigma: Array | None
     pressure_sigma: Array
     temperature_sigma: Array
+    remarks: tuple[str, ...] = ()
 
 
 def read_cell(path: Path, *, pressure: bool = True) -> CellTable:
@@ -69,8 +71,27 @@ def read_cell(path: Path, *, pressure: bool = True) -> CellTable:
     if "sigma" in table:
         sigma = table.numbers("sigma")
         table.check(sigma > 0, "sigma, that of the ratio, must be above zero; leave the column out where it is unknown")
-    return CellTable(path, p, t, ratio, sigma, _sigma(table, "sigma_pressure", PRESSURE),
-                     _sigma(table, "sigma_temperature", STEPS_K))  # fmt: skip
+    p_sigma, t_sigma = _sigma(table, "sigma_pressure", PRESSURE), _sigma(table, "sigma_temperature", STEPS_K)
+    rows, remarks = _once(table)
+    return CellTable(path, None if p is None else p[rows], t[rows], ratio[rows], None if sigma is None else sigma[rows],
+                     p_sigma[rows], t_sigma[rows], remarks)  # fmt: skip
+
+
+def _once(table: Table) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """The rows without those that repeat an earlier one in every cell, also of columns that are not known.
+
+    Noise makes two measurements differ: a copy is none, and counted as one it makes the law's sigma too small.
+    """
+    first: dict[tuple[str, ...], int] = {}
+    of = [first.setdefault(row, k) for k, row in enumerate(zip(*map(table.text, table.columns), strict=True))]
+    copies = [k for k, earlier in enumerate(of) if earlier != k]
+    if not copies:
+        return np.arange(len(table)), ()
+    k = copies[0]
+    return np.array(sorted(first.values())), (
+        f"{len(copies)} of {len(table)} rows of {Path(table.path).name} are the same as earlier ones and count once; "
+        f"the first: line {table.lines[k]} is line {table.lines[of[k]]}",
+    )
 
 
 def _sigma(table: Table, column: str, units: dict[str, float]) -> Array:
@@ -101,7 +122,7 @@ def calibrate_paint(
     if isinstance(fit, NotFitted):
         falls = "does not rise" in fit.reason
         raise io.FileError(cell.path, fit.reason.removeprefix("fit_paint: ") + (INVERTED if falls else ""), key)
-    return fit
+    return replace(fit, warnings=(*fit.warnings, *cell.remarks))
 
 
 def calibrate_temperature_paint(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.io.errors import noted
 from windmark.paint import TemperaturePaint, TunnelGain, form_factors
 from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.project import CameraEntry as DeformCamera
@@ -55,6 +56,7 @@ class PspTest:
     remarks : what is odd but no error
     views : virtual cameras before the grid at rest
     places : lists of places on it at which results are wanted
+    read : the files that all this was read from
     """
 
     project: PspProject
@@ -74,6 +76,7 @@ class PspTest:
     remarks: tuple[str, ...]
     views: tuple[FramedView, ...] = ()
     places: tuple[PointSet, ...] = ()
+    read: tuple[Path, ...] = ()
 
 
 def load_psp(project: PspProject) -> PspTest:
@@ -84,6 +87,12 @@ def load_psp(project: PspProject) -> PspTest:
     FileError
         Naming the project's key, or the file, that is wrong.
     """
+    with noted() as read:
+        out = _load(project)
+    return replace(out, read=tuple(sorted(map(Path, read))))
+
+
+def _load(project: PspProject) -> PspTest:
     deforming = load(_as_deform(project))
     assert deforming.mesh is not None
     _check_sections(project, deforming.mesh)

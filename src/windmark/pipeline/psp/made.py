@@ -11,18 +11,21 @@ from windmark.pipeline.deform.resume import inputs as deform_inputs
 from windmark.pipeline.psp.entries import POINT
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.project import PspProject
-from windmark.pipeline.psp.sensors import named_file, pictures_named
+from windmark.pipeline.psp.sensors import named_file
 
 
 def made_with(test: PspTest) -> dict[str, Any]:
     """See `same_run.made_with`; where the results go is left out."""
     project = test.project
     options = json.loads(project.model_dump_json(exclude={"path": True, "output": {"folder"}}))
-    return same_run.made_with("psp", {f"[{k}] of the project": v for k, v in options.items()}, inputs(test))
+    return same_run.made_with("psp", {f"[{k}] of the project": v for k, v in options.items()},
+                              same_run.with_all(inputs(test), test.read, project.path))  # fmt: skip
 
 
 def inputs(test: PspTest) -> list[tuple[str, Path]]:
-    """The files besides the points' pictures that a project names, each with its key."""
+    """The files besides the points' pictures that a project names, each with its key; dark and flat pictures, whose
+    pattern names them, are among `PspTest.read`.
+    """
     project: PspProject = test.project
     out = [("points.table", project.points.table)]
     out += [(f"wtd of point {row.name}", row.conditions_file) for row in test.rows if row.conditions_file is not None]
@@ -45,10 +48,4 @@ def inputs(test: PspTest) -> list[tuple[str, Path]]:
     out += [(f"camera of view {v.name}", v.camera) for v in project.view if v.camera is not None]
     if project.radiometry.linearity is not None:
         out += [(f"radiometry.linearity of {c.name}", named_file(project, "linearity", c.name)) for c in project.camera]
-    for key in ("dark", "flat"):
-        pattern = getattr(project.radiometry, key)
-        if pattern is not None:
-            for camera in project.camera:
-                files = pictures_named(project, pattern, camera.name)
-                out += [(f"radiometry.{key} {f.name}", f) for f in files if isinstance(f, Path)]
     return out

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,34 +17,15 @@ from windmark.paint import correct_picture, enough
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.pictures import follow_deformation, read
 from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.sensors import pictures_named
 from windmark.pipeline.psp.table import WIND_OFF
+from windmark.pipeline.psp.taken import Taken, said
+from windmark.pipeline.same_picture import content_of
 from windmark.tasks.deform.task import FrameImages
 from windmark.tasks.psp import BadPicture, ModelPicture, moved_grid
 
 Array = NDArray[np.float64]
-Image = NDArray[np.generic]
-
-
-@dataclass(frozen=True, eq=False)
-class Taken:
-    """A picture of a camera.
-
-    Parameters
-    ----------
-    name : its file's
-    image : grey levels; None where it cannot be used
-    light, variance : (H, W), NaN where a pixel cannot be used
-    lasting : (H, W) part of the variance that is the same error in all pictures of the camera
-    why : it cannot be used, "" where it can
-    """
-
-    name: str
-    image: Image | None
-    light: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    variance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    lasting: Array | float = 0.0
-    why: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +41,8 @@ class Found:
     bad : pictures that cannot be used
     names : of the pictures, also where they themselves are no longer kept
     followed : what was said of the instants that have a state
+    instants : of each picture, the number of its state
+    several : what tells that they are of several states, in words
     """
 
     pictures: tuple[ModelPicture, ...]
@@ -67,15 +52,21 @@ class Found:
     bad: tuple[BadPicture, ...] = ()
     names: tuple[str, ...] = ()
     followed: tuple[Followed, ...] = ()
+    instants: tuple[int, ...] = ()
+    several: tuple[str, ...] = ()
 
 
-def read_pictures(test: PspTest, kind: str, pattern: str) -> dict[str, list[Taken]]:
+def read_pictures(test: PspTest, kind: str, pattern: str, once: Once) -> dict[str, list[Taken]]:
     """Camera -> its pictures in order, with their light. Pictures of one number, of all cameras, are of one instant.
+
+    Parameters
+    ----------
+    once : the point's pictures so far
 
     Raises
     ------
     DataError
-        Where there are none, or too few of a camera can be used (`paint.enough`).
+        Where there are none, too few of a camera can be used (`paint.enough`), or one is of another kind, too.
     """
     if not pattern:
         missing = ": the reference is missing" if kind.startswith(WIND_OFF) else ""
@@ -83,34 +74,39 @@ def read_pictures(test: PspTest, kind: str, pattern: str) -> dict[str, list[Take
     out = {}
     for station in test.deforming.test.stations:
         files = pictures_named(test.project, pattern, station.name)
-        out[station.name] = [_taken(test, station.name, file) for file in files]
+        named = zip(_names(files), files, strict=True)
+        out[station.name] = [_taken(test, station.name, name, file) for name, file in named]
     if not any(out.values()):
         missing = "the reference is missing: " if kind.startswith(WIND_OFF) else ""
         raise DataError(f"{missing}no {kind} picture matches {pattern!r} beside the project")
+    out = once.of(kind, out)
     for camera, pictures in out.items():
-        good = sum(not p.why for p in pictures)
-        if pictures and not enough(good, len(pictures)):
+        count = sum(not p.copy for p in pictures)
+        good = sum(p.image is not None for p in pictures)
+        if pictures and not enough(good, count):
             first = next(p for p in pictures if p.why)
-            raise DataError(f"only {good} of {len(pictures)} {kind} pictures of {camera} can be used; the first that "
+            raise DataError(f"only {good} of {count} {kind} pictures of {camera} can be used; the first that "
                             f"cannot is {first.name}: {first.why}")  # fmt: skip
     return {name: pictures for name, pictures in out.items() if pictures}
 
 
-def _taken(test: PspTest, camera: str, file: io.PictureFile) -> Taken:
+def _names(files: Sequence[io.PictureFile]) -> list[str]:
+    """What pictures are called in messages: with their folder where two of them have one name."""
+    often = Counter(file.name for file in files)
+    places = [(file if isinstance(file, Path) else file.path).parent.name for file in files]
+    return [f"{place}/{f.name}" if often[f.name] > 1 else f.name for place, f in zip(places, files, strict=True)]
+
+
+def _taken(test: PspTest, camera: str, name: str, file: io.PictureFile) -> Taken:
     """A picture with light and variance, NaN where a pixel cannot be used."""
     most = test.project.radiometry.max_saturated
     try:
         image = read(file, test.deforming.test.station(camera))
         done = correct_picture(image, test.sensors[camera].model, most_saturated=most)
     except WindmarkError as error:
-        return Taken(file.name, None, why=str(error))
+        return Taken(name, None, why=str(error))
     value, variance = (np.where(done.usable, v, np.nan) for v in (done.value, done.variance))
-    return Taken(file.name, image, value, variance, done.lasting)
-
-
-def said(kind: str, camera: str, picture: Taken) -> str:
-    """A picture in words."""
-    return f"{kind} picture {picture.name} of {camera}"
+    return Taken(name, image, value, variance, done.lasting, content=content_of(image))
 
 
 def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Found:
@@ -121,14 +117,14 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
     DataError
         Where it is found in none.
     """
-    bad = tuple(BadPicture(said(kind, n, p), n, p.why) for n, own in raw.items() for p in own if p.image is None)
+    bad = tuple(BadPicture(said(kind, n, p), n, p.why) for n, own in raw.items() for p in own if p.why)
     frames = []
     for k in range(max(len(p) for p in raw.values())):
         images = {n: own[k].image for n, own in raw.items() if k < len(own) and own[k].image is not None}
         if images:
             frames.append(FrameImages(f"{k}", float(k), images))
     seen: list[ModelPicture] = []
-    states, rms, troubles, followed = [], [], {}, []
+    states, rms, troubles, followed, instants = [], [], {}, [], []
     for frame in follow_deformation(frames, test.deforming.test):
         state, k = frame.state, int(frame.key)
         if state is None:
@@ -140,6 +136,7 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
         rms.append(state.rms_px)
         followed.append(Followed.of(frame, f"{kind} picture {k + 1}", test.deforming.test))
         mesh, moves = moved_grid(state, test.mesh)
+        instants += [len(states) - 1] * len(frame.views)
         for name in frame.views:
             own, station = raw[name][k], test.deforming.test.station(name)
             lens = state.cameras.get(name, station.camera)
@@ -149,4 +146,5 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
             ))  # fmt: skip
     if not states:
         raise DataError(f"no {kind} picture can be used; {next(iter(troubles.values()))}")
-    return Found(tuple(seen), tuple(states), tuple(rms), troubles, bad, tuple(p.name for p in seen), tuple(followed))
+    return Found(tuple(seen), tuple(states), tuple(rms), troubles, bad, tuple(p.name for p in seen), tuple(followed),
+                 tuple(instants))  # fmt: skip

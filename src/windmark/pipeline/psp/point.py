@@ -12,7 +12,9 @@ from windmark import io
 from windmark.compiling import working_time
 from windmark.errors import DataError, WindmarkError, g2, g3
 from windmark.paint import LoadReference, TunnelConditions, TunnelGain
+from windmark.pipeline.psp.incidence import at_incidence, of_one_state
 from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
 from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable, reference_kind
 from windmark.pipeline.psp.wall import steady_of, wall_of
@@ -68,15 +70,16 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     stream = row.conditions()
     _check_paint(test, row)
     steady, about = steady_of(test, row)
-    raw = read_pictures(test, WIND_ON, row.on)
+    once = Once(test.sensors)
+    raw = read_pictures(test, WIND_ON, row.on, once)
     clock.lap("read")
     on = the_model_in(test, WIND_ON, raw)
     clock.lap("find the model")
-    alpha = _incidence(test, row.alpha_deg, on)
-    off = References(test, row)
+    on, alpha = at_incidence(test.project.points, row.alpha_deg, on)
+    off = References(test, row, once)
     ratio = _ratio(test, on, off)
     clock.lap("reference, ratio on the model")
-    others = {name: channel_ratio(test, row, name) for name in row.channels}
+    others = {name: channel_ratio(test, row, name, once) for name in row.channels}
     if others:
         clock.lap("other colours")
     if "reference" in others:
@@ -85,7 +88,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     state = on.states[0]
     task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady)
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
-    said = [*row.remarks, *wall.remarks, *about]
+    said = [*row.remarks, *once.remarks, *wall.remarks, *about]
     if not np.isfinite(stream.mach):
         said.append(f"no Mach number is given to test the pressures by: p_inf and q_inf are those of Mach "
                     f"{g3(mach_of(stream))}")  # fmt: skip
@@ -112,8 +115,8 @@ class References:
     What cannot be used says why, see `ratio_of`.
     """
 
-    def __init__(self, test: PspTest, row: PointRow, colour: str = "") -> None:
-        self.row, self._test, self._colour = row, test, colour
+    def __init__(self, test: PspTest, row: PointRow, once: Once, colour: str = "") -> None:
+        self.row, self._test, self._once, self._colour = row, test, once, colour
         self.found = Found((), (), ())
 
     def __iter__(self) -> Iterator[Reference]:
@@ -121,36 +124,44 @@ class References:
         if not row.parts:
             kind = reference_kind(self._colour)
             found = self._part(kind, row.channels[self._colour][1] if self._colour else row.off)
+            found = self._kept(of_one_state(self._test.project.points, found, kind))
             yield Reference(found.pictures, 1.0, found.bad)
             return
         for part in row.parts:
             kind = reference_kind(self._colour, part)
             try:
                 found = self._part(kind, part.channels.get(self._colour, "") if self._colour else part.pattern)
-                _incidence(self._test, part.alpha_deg, found, "table of points" if row.own else "table of references")
+                table = "table of points" if row.own else "table of references"
+                found = self._kept(at_incidence(self._test.project.points, part.alpha_deg, found, table)[0])
             except WindmarkError as error:
                 yield Reference((), part.share, (), kind, str(error) if row.own else f"its reference {kind}: {error}")
             else:
                 yield Reference(found.pictures, part.share, found.bad, kind)
 
     def _part(self, kind: str, pattern: str) -> Found:
-        """The model in the pictures of a part; without the pictures themselves it is kept."""
-        new = the_model_in(self._test, kind, read_pictures(self._test, kind, pattern))
+        """The model in the pictures of a part."""
+        return the_model_in(self._test, kind, read_pictures(self._test, kind, pattern, self._once))
+
+    def _kept(self, new: Found) -> Found:
+        """A part that counts; without the pictures themselves it is kept."""
         old = self.found
         self.found = Found((), (*old.states, *new.states), (*old.rms_px, *new.rms_px), {**old.troubles, **new.troubles},
-                           (*old.bad, *new.bad), (*old.names, *new.names), (*old.followed, *new.followed))  # fmt: skip
+                           (*old.bad, *new.bad), (*old.names, *new.names), (*old.followed, *new.followed), (),
+                           (*old.several, *new.several))  # fmt: skip
         return new
 
 
-def channel_ratio(test: PspTest, row: PointRow, name: str) -> MergedRatio:
+def channel_ratio(test: PspTest, row: PointRow, name: str, once: Once) -> MergedRatio:
     """The ratio wind-off / wind-on of another colour, in whose pictures the model is found anew."""
     off = [part.channels.get(name, "") for part in row.parts] or [row.channels[name][1]]
     off = [] if row.own else off  # one of a run is left out, see `References`
     for kind, pattern in ((WIND_ON, row.channels[name][0]), *((WIND_OFF, pattern) for pattern in off)):
         if not pattern:
             raise DataError(f"the table of points names {name} pictures, but none {kind} (line {row.line})")
-    on = the_model_in(test, f"{WIND_ON} {name}", read_pictures(test, f"{WIND_ON} {name}", row.channels[name][0]))
-    return _ratio(test, on, References(test, row, name))
+    kind = f"{WIND_ON} {name}"
+    on = the_model_in(test, kind, read_pictures(test, kind, row.channels[name][0], once))
+    on, _ = at_incidence(test.project.points, row.alpha_deg, on)
+    return _ratio(test, on, References(test, row, once, name))
 
 
 class _Clock:
@@ -180,24 +191,6 @@ def _check_paint(test: PspTest, row: PointRow) -> None:
                     f"{what} is {value:g} {unit}, outside the paint's calibration ({low:g} to {high:g} {unit}): its "
                     f"unit is another one, or the cell is wrong ({where})"
                 )
-
-
-def _incidence(test: PspTest, alpha_deg: float, on: Found, table: str = "table of points") -> float:
-    """The incidence that the pictures show; DataError where the table has another one.
-
-    Where the laws do not explain what the markers show that is said too: a bent wing that may not bend looks turned.
-    """
-    entry = test.project.points
-    pitch = float(np.degrees(np.arcsin(on.states[0].tunnel_from_model.rotation[0, 2])))
-    seen = entry.alpha_at_rest_deg + pitch
-    if abs(seen - alpha_deg) > entry.max_alpha_error_deg:
-        also = next(iter(on.troubles.values()), "")
-        raise DataError(
-            f"its pictures show an incidence of {seen:.2f} degrees, the {table} says {alpha_deg:g}: rows "
-            "and pictures were exchanged, or points.alpha_at_rest_deg is not that of markers and grid"
-            + (f"; and the markers say: {also}" if also else "")
-        )
-    return seen
 
 
 def sampling_of(test: PspTest) -> Sampling:

@@ -13,7 +13,7 @@ from windmark.pipeline.alike import alike
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.psp.point import PointOutcome
 from windmark.pipeline.psp.table import PointRow
-from windmark.tasks.psp import SurfaceSection, TapTable, shown_areas
+from windmark.tasks.psp import Scatter, SurfaceSection, TapTable, shown_areas
 
 Array = NDArray[np.float64]
 
@@ -53,6 +53,8 @@ class PointRecord:
     median_sigma_cp : over these
     flicker, systematic : of the lamps (NaN: nothing says it), and by which cameras differ, see `MergedRatio`
     apart : of each two cameras, see `CamerasApart`
+    scatter : of the pictures of each camera and kind
+    several : what tells that pictures of several states are named, in words
     fit : figures of the fit to the taps, empty without one
     loads : volume -> coefficient -> value and sigma
     shown : volume -> part of its area that is on a side that cameras show: loads are those of this part
@@ -83,6 +85,8 @@ class PointRecord:
     sections: tuple[SectionRecord, ...] = ()
     followed: tuple[Followed, ...] = ()
     apart: tuple[CamerasApart, ...] = ()
+    scatter: tuple[Scatter, ...] = ()
+    several: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -117,6 +121,7 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         reduced.taps,
         tuple(_section(s, reduced.taps) for s in reduced.sections),
         (*done.on.followed, *done.off.followed), reduced.merged.apart,
+        reduced.merged.scatter, (*done.on.several, *done.off.several),
         dict(done.seconds),
     )  # fmt: skip
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.psp.entries import CAMERA
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.table import PointRow
+from windmark.pipeline.same_picture import content_of, first_of
 from windmark.pipeline.settings import existing
 from windmark.tasks.deform.task import Station
 
@@ -37,12 +38,14 @@ class CameraSensor:
     gain_from : what said the gain
     remarks : what is to be said
     black_given : whether anything says the level without light
+    contents : of its dark and flat pictures, see `same_picture.content_of` -> their names in words
     """
 
     model: SensorModel
     gain_from: str
     remarks: tuple[str, ...] = ()
     black_given: bool = True
+    contents: Mapping[bytes, str] = field(default_factory=dict)
 
 
 def pictures_named(project: PspProject, pattern: str, camera: str) -> list[io.PictureFile]:
@@ -64,11 +67,12 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
     """
     how = project.radiometry
     remarks: list[str] = []
-    dark, dark_variance, dead = _dark(project, name, station, remarks)
+    contents: dict[bytes, str] = {}
+    dark, dark_variance, dead = _dark(project, name, station, remarks, contents)
     saturation = np.inf if how.saturation is None else how.saturation
     if how.flat is None:
         remarks.append(f"camera {name}: no flat pictures are given: unequal pixels are not corrected, nor in any sigma")
-    flats = None if how.flat is None else _read_all(project, how.flat, name, station, "radiometry.flat")
+    flats = None if how.flat is None else _read_all(project, "flat", name, station, remarks, contents)
     gain, read_variance, source = how.gain_levels, how.read_variance, "radiometry.gain"
     if gain is None:
         gain, read_variance, source = _gain(project, name, station, rows, flats, dark)
@@ -81,7 +85,7 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
             raise io.FileError(project.path, f"camera {name}: {error}", "radiometry.flat") from None
         bad = bad if dead is None else bad | dead
         sensor = replace(sensor, flat=flat, flat_variance=flat_variance, dead=bad)
-    return CameraSensor(sensor, source, tuple(remarks), how.dark is not None or how.black is not None)
+    return CameraSensor(sensor, source, tuple(remarks), how.dark is not None or how.black is not None, contents)
 
 
 def named_file(project: PspProject, key: str, camera: str) -> Path:
@@ -107,12 +111,12 @@ def read_linearity(path: Path) -> Linearity:
 
 
 def _dark(
-    project: PspProject, name: str, station: Station, remarks: list[str]
+    project: PspProject, name: str, station: Station, remarks: list[str], contents: dict[bytes, str]
 ) -> tuple[Array | float, Array | float, NDArray[np.bool_] | None]:
     """Level without light, its variance, dead and hot pixels."""
     how = project.radiometry
     if how.dark is not None:
-        return mean_dark(_read_all(project, how.dark, name, station, "radiometry.dark"))
+        return mean_dark(_read_all(project, "dark", name, station, remarks, contents))
     if how.black is None:
         remarks.append(f"camera {name}: neither dark pictures nor radiometry.black are given: the level without light "
                        "is taken as 0")  # fmt: skip
@@ -137,8 +141,10 @@ def _gain(
             reasons.append(f"wind-off pictures of {row.name}: there are {len(files)}, two are needed")
             continue
         good = _readable(files, station)
+        good = [good[k] for k, first in enumerate(first_of([content_of(g) for g in good])) if k == first]
         if len(good) < 2:
-            reasons.append(f"wind-off pictures of {row.name}: {len(good)} of {len(files)} can be read, two are needed")
+            reasons.append(f"wind-off pictures of {row.name}: {len(good)} of {len(files)} can be read and are no "
+                           "copies, two are needed")  # fmt: skip
             continue
         found = photon_transfer(np.stack(good), dark=dark, saturation=project.radiometry.saturation)
         if not isinstance(found, NotFitted):
@@ -151,13 +157,24 @@ def _gain(
     )  # fmt: skip
 
 
-def _read_all(project: PspProject, pattern: str, name: str, station: Station, key: str) -> Array:
-    """(F, H, W) the pictures of a pattern."""
+def _read_all(
+    project: PspProject, kind: str, name: str, station: Station, remarks: list[str], contents: dict[bytes, str]
+) -> Array:
+    """(F, H, W) the pictures of a kind, dark or flat; one that is there twice counts once."""
+    pattern = getattr(project.radiometry, kind)
     files = pictures_named(project, pattern, name)
     if not files:
         shown = pattern.replace(CAMERA, name)
-        raise io.FileError(project.path, f"no file matches {shown!r} beside the project", key)
-    return _stack(files, station)
+        raise io.FileError(project.path, f"no file matches {shown!r} beside the project", f"radiometry.{kind}")
+    images = [np.asarray(read(file, station)) for file in files]
+    own = [content_of(image) for image in images]
+    first = first_of(own)
+    for k, of in enumerate(first):
+        if of != k:
+            remarks.append(f"camera {name}: {kind} picture {files[k].name} is the same picture as {files[of].name}: it "
+                           "counts once")  # fmt: skip
+    contents.update((content, f"{kind} picture {file.name}") for content, file in zip(own, files, strict=True))
+    return np.stack([image for k, image in enumerate(images) if first[k] == k])
 
 
 def _readable(files: Sequence[io.PictureFile], station: Station) -> list[NDArray[np.generic]]:
@@ -167,7 +184,3 @@ def _readable(files: Sequence[io.PictureFile], station: Station) -> list[NDArray
         with suppress(io.FileError):
             out.append(np.asarray(read(file, station)))
     return out
-
-
-def _stack(files: Sequence[io.PictureFile], station: Station) -> Array:
-    return np.stack([np.asarray(read(file, station)) for file in files])

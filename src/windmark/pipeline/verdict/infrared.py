@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from windmark.errors import g2
+from windmark.pipeline.alike import listed
 from windmark.pipeline.infrared import FrameRecord
+from windmark.pipeline.infrared.likely import OddUnit
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
@@ -34,7 +36,7 @@ def infrared_verdict(
             "see the reason; run windmark register on one of its pictures",
         )
     lost = [(r.key, r.reason) for r in records if r.status != "reduced"]
-    found = [*grid, *lost_findings(lost, len(records), "frames")]
+    found = [*grid, *_repeated(records), *lost_findings(lost, len(records), "frames")]
     found += followed_findings([r.followed for r in good], unit)
     if (seen := middle([r.seen for r in good])) < rules.COVERED * max(r.seen for r in good):
         found.append(
@@ -68,6 +70,33 @@ def infrared_verdict(
         "their sigmas as given)",
         "use the fields with their sigmas",
     )
+
+
+def unit_findings(odd: Sequence[OddUnit], surroundings_K: float) -> list[Finding]:
+    """Cameras whose numbers are rather in another unit than is said."""
+    return [
+        Finding(
+            DOUBTFUL,
+            "units",
+            f"the middle of the first picture of {o.camera} is {o.kelvin:.0f} K in {o.unit}, the surroundings are "
+            f"{surroundings_K:.0f} K: its numbers are rather in {o.other} ({o.other_K:.0f} K)",
+            f"say unit = \"{o.other}\" of camera {o.camera}, or correct scale and offset",
+        )
+        for o in odd
+    ]
+
+
+def _repeated(records: Sequence[FrameRecord]) -> list[Finding]:
+    """Cameras of which many pictures are no new ones: when those between them were taken is not sure either."""
+    out = []
+    for name in dict.fromkeys(c for r in records for c in r.repeated):
+        of = [r.key for r in records if name in r.repeated]
+        if len(of) > rules.LOST * len(records):
+            words = (f"{len(of)} of {len(records)} pictures of {name} repeat the one before and do not count "
+                     f"({listed('frame', of)})")  # fmt: skip
+            step = "see why frames were dropped (disk, link, too high a rate), and whether the times are true"
+            out.append(Finding(DOUBTFUL, "lost", words, step))
+    return out
 
 
 def _flux(good: Sequence[FrameRecord]) -> list[Finding]:

@@ -11,6 +11,7 @@ from windmark.errors import g2, g3
 from windmark.paint.well_tests import DOUBTED
 from windmark.pipeline.likely_unit import model_box
 from windmark.pipeline.psp import PointRecord
+from windmark.pipeline.psp.incidence import listed
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
@@ -47,7 +48,8 @@ def psp_verdict(
     found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
     found += further
     for r in good:
-        found += [f.at(r.name) for f in (*_missing(r, sections), *_taps(r), *_wall(r), *_calibrated(r), *_light(r))]
+        said = (*_missing(r, sections), *_states(r), *_taps(r), *_wall(r), *_calibrated(r), *_light(r))
+        found += [f.at(r.name) for f in said]
     sigma, shown = middle([r.median_sigma_cp for r in good]), min(r.shown.get("all", 1.0) for r in good)
     return Verdict.of(
         found,
@@ -83,6 +85,24 @@ def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
             "covered",
             f"{100 * r.seen:.0f} % of the surface has a Cp, and the cameras look at {100 * shown:.0f} % of it",
             "see which nodes are left out and why; loads are those of the seen part",
+        )
+
+
+def _states(r: PointRecord) -> Iterator[Finding]:
+    """Pictures of a point that are not of one state: the mean is of neither, and what they differ by is no noise."""
+    step = "see that the patterns of the point's pictures name those of this point alone"
+    for words in r.several:
+        yield Finding(DOUBTFUL, "picture", words, step)
+    odd = [s for s in r.scatter if s.times > rules.SCATTER_TIMES and s.part > rules.SCATTER]
+    if odd:
+        worst = max(odd, key=lambda s: s.part)
+        first, second = (listed(list(names)) for names in worst.groups)
+        yield Finding(
+            DOUBTFUL,
+            "picture",
+            f"pictures that are averaged differ by {g2(100 * worst.part)} % of the light from one to the other, "
+            f"{g2(worst.times)} times their noise: {first} from {second}",
+            f"{step}, and that neither the model nor the flow changed meanwhile",
         )
 
 
@@ -144,6 +164,13 @@ def _light(r: PointRecord) -> Iterator[Finding]:
             "weak",
             "no sigma has the lamps' flicker: every mean is of one picture, and nothing else says it",
             "take several pictures of a state, or give radiometry.lamp_flicker",
+        )
+    if r.flicker > rules.FLICKER and not r.fit.get("slope_free"):
+        yield Finding(
+            DOUBTFUL,
+            "noise",
+            f"the light differs by {g2(100 * r.flicker)} % from picture to picture (1 sigma)",
+            "see lamps and exposure times, and that all pictures are of this point",
         )
 
 

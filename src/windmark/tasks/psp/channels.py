@@ -47,4 +47,5 @@ def two_colours(paint: MergedRatio, reference: MergedRatio) -> MergedRatio:
     slopes = [np.where(good, s, 0.0) for s in (1 / b, -a / b**2)]
     ratio = combined(a / b, [(paint.ratio, slopes[0]), (off, slopes[1])])
     flicker = float(np.nan_to_num(paint.flicker))
-    return replace(paint, ratio=ratio, flicker=flicker, left_out={**paint.left_out, **reference.left_out})
+    return replace(paint, ratio=ratio, flicker=flicker, left_out={**paint.left_out, **reference.left_out},
+                   scatter=(*paint.scatter, *reference.scatter))  # fmt: skip

@@ -13,6 +13,7 @@ from windmark.paint import NotFitted, average_frames, node_shares
 from windmark.tasks.psp.bends import Cells, joined_cells, mean_cells
 from windmark.tasks.psp.lamps import Lamp, lit
 from windmark.tasks.psp.sampling import ModelPicture, Samples, Sampling, sample_picture
+from windmark.tasks.psp.scatter import Scatter, scatter_of
 
 Array = NDArray[np.float64]
 
@@ -57,6 +58,7 @@ class Level:
     inverse : one over the number of pictures that the mean stands for
     shown : (V,) parts of the reference that show a node
     cells : of the nodes; None where values are interpolated
+    scatter : of each set of pictures, how far they are apart
     """
 
     value: Array
@@ -68,6 +70,7 @@ class Level:
     inverse: float
     shown: Array
     cells: Cells | None
+    scatter: tuple[Scatter, ...] = ()
 
     @property
     def draws(self) -> int:
@@ -104,8 +107,11 @@ def _level(
     shown = np.isfinite([samples[k].lasting for k in used])
     lasting = np.where(shown, [samples[k].lasting for k in used], 0.0).sum(axis=0) / np.maximum(shown.sum(axis=0), 1)
     there = lit(pictures[used[0]].mesh, lamps)
+    light = mean.light[used, None]
+    apart = scatter_of(values[used] / light, noise[used] / light**2, [pictures[k].name for k in used.tolist()])
     return Level(mean.value, mean.variance + lasting, columns, weight, there, (mean.light[used],),
-                  1 / len(used), np.isfinite(mean.value).astype(float), cells)  # fmt: skip
+                  1 / len(used), np.isfinite(mean.value).astype(float), cells,
+                 () if apart is None else (apart,))  # fmt: skip
 
 
 def together(parts: Sequence[tuple[float, Level]], some: bool) -> Level:
@@ -132,6 +138,7 @@ def together(parts: Sequence[tuple[float, Level]], some: bool) -> Level:
         np.where(on, weight, 0.0), total([of.lamps for of in levels]), tuple(g for of in levels for g in of.light),
         float(sum(s**2 * of.inverse for s, of in zip(even, levels, strict=True))), known.sum(axis=0).astype(float),
         joined_cells(cells, share) if len(cells) == len(levels) else None,
+        tuple(s for of in levels for s in of.scatter),
     )  # fmt: skip
 
 

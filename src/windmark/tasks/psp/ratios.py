@@ -14,6 +14,7 @@ from windmark.tasks.psp.bends import bend_of_ratio
 from windmark.tasks.psp.lamps import Lamp
 from windmark.tasks.psp.levels import BadPicture, Level, Reference, levels_of, together
 from windmark.tasks.psp.sampling import ModelPicture, Sampling
+from windmark.tasks.psp.scatter import Scatter
 from windmark.tasks.psp.self_lit import Change, Reflecting, own_light
 
 Array = NDArray[np.float64]
@@ -55,6 +56,7 @@ class MergedRatio:
         nothing says it, and no sigma has it
     left_out : picture -> why it does not count
     apart : of each two cameras, see `CamerasApart`
+    scatter : of the pictures of each camera and kind
     self_lit : what taking off the light that the model throws on itself changed; None where that was not asked for
     """
 
@@ -66,6 +68,7 @@ class MergedRatio:
     left_out: Mapping[str, str] = field(default_factory=dict)
     self_lit: Change | None = None
     apart: tuple[CamerasApart, ...] = ()
+    scatter: tuple[Scatter, ...] = ()
 
 
 def ratio_of(
@@ -144,7 +147,9 @@ def ratio_of(
         lights = {kind: {name: _as_it_left(fields[kind][name], levels[kind][name].lamps) for name in names}
                   for kind in levels}  # fmt: skip
         ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
-    return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change, merged.apart)
+    scatter = tuple(s for of in levels.values() for level in of.values() for s in level.scatter)
+    return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change, merged.apart,
+                       scatter)  # fmt: skip
 
 
 def _as_parts(off: Sequence[ModelPicture] | Iterable[Reference]) -> Iterable[Reference]:
