@@ -78,7 +78,7 @@ def test_a_column_that_nobody_knows_is_named(tmp_path):
     from windmark.pipeline.psp.table import read_sensors
 
     head, row = "pressure_Pa,temperature_K,ratio", "1e5,293,1"
-    columns = "ratio,sigma,pressure_UNIT,temperature_UNIT,sigma_pressure_UNIT,sigma_temperature_UNIT"
+    columns = "ratio,sigma,run,time,note,pressure_UNIT,temperature_UNIT,sigma_pressure_UNIT,sigma_temperature_UNIT"
     with pytest.raises(FileError, match=f"unknown column 'sigma_ratio'; the columns are {columns}"):
         read_cell(written(tmp_path, "c.csv", f"{head},sigma_ratio", f"{row},0.001"))
     all_of_them = f"{head},Sigma,sigma_pressure_kPa,sigma_temperature_degC"

@@ -17,6 +17,8 @@ from windmark.pipeline.psp.table import PRESSURE, STEPS_K
 
 Array = NDArray[np.float64]
 
+LABELS = ("run", "time", "note")
+"""Columns that tell measurements apart which agree in all numbers."""
 INVERTED = "; expected I_ref / I, which rises with pressure (not I / I_ref)"
 
 
@@ -47,6 +49,8 @@ class CellTable:
 def read_cell(path: Path, *, pressure: bool = True) -> CellTable:
     """A CSV table ``pressure_UNIT,temperature_UNIT,ratio[,sigma][,sigma_pressure_UNIT][,sigma_temperature_UNIT]``.
 
+    ``run``, ``time`` and ``note`` may be beside them: rows that agree in all columns are one measurement.
+
     Parameters
     ----------
     pressure : False for a temperature paint, whose table needs none
@@ -60,7 +64,8 @@ def read_cell(path: Path, *, pressure: bool = True) -> CellTable:
     table = io.read_table(path, required=("ratio",), known=None)
     if not len(table):
         raise io.FileError(path, "has no rows; expected a measurement in each")
-    check_columns(table, ("ratio", "sigma"), ("pressure", "temperature", "sigma_pressure", "sigma_temperature"))
+    of_unit = ("pressure", "temperature", "sigma_pressure", "sigma_temperature")
+    check_columns(table, ("ratio", "sigma", *LABELS), of_unit)
     p = in_unit(table, "pressure", PRESSURE) if pressure else None
     t, ratio = temperatures(table, "temperature"), table.numbers("ratio")
     if p is not None:
