@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.registration import rules
 from windmark.registration.settle._kernels.label import GATE
+from windmark.registration.settle._kernels.places import places_kernel
 
 if TYPE_CHECKING:
     from windmark.registration.settle.solution import Solution
@@ -41,6 +42,7 @@ def goes_on(a: Solution, b: Solution, c: int) -> bool:
     only_a, only_b = np.setdiff1d(spot_a, spot_b), np.flatnonzero(~np.isin(spot_b, spot_a))
     if len(only_b) > 1 and 2 * len(only_b) >= len(only_a):
         return True
+    only_b = only_b[_away(a, c, spot_b[only_b])]
     return not _by_chance(b, c, marker_b, only_b, len(a.views.planes[c].task.xy) - len(spot_a))
 
 
@@ -49,6 +51,14 @@ def of_both(a: Solution, b: Solution, c: int) -> float:
     (spot_a, marker_a), (spot_b, marker_b) = a.pairs(c), b.pairs(c)
     _, at_a, at_b = np.intersect1d(spot_a, spot_b, assume_unique=True, return_indices=True)
     return float(_worth_of(a, c, marker_a[at_a]).sum() - _worth_of(b, c, marker_b[at_b]).sum())
+
+
+def _away(a: Solution, c: int, spot: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(K,) spots near which a solution has no free marker: one that its misfit drops is in the table, not beyond it."""
+    task, places = a.views.planes[c].task, places_kernel(a.views.sights, a.state, c)
+    free = places[(a.state.match[c] < 0) & np.isfinite(places[:, 0])]
+    far = np.linalg.norm(free[None] - task.xy[spot][:, None], axis=2).min(axis=1, initial=np.inf)
+    return np.asarray(far > task.tolerance_px)
 
 
 def _by_chance(b: Solution, c: int, marker: NDArray[np.int64], rest: NDArray[np.int64], spare: int) -> bool:
