@@ -15,7 +15,7 @@ from windmark.tasks.deform import follow as follow_module
 from windmark.tasks.deform import sights as sights_module
 from windmark.tasks.deform.cold import Found
 from windmark.tasks.deform.spots import Labelled, around
-from windmark.tasks.deform.task import LookOptions
+from windmark.tasks.deform.task import LookOptions, Shot
 from windmark.tasks.odd import nearest_spots, together
 
 CAMERA, AWAY = Camera((400, 300), 800.0), Pose(np.eye(3), np.array([0.0, 0.0, 800.0]))
@@ -95,6 +95,24 @@ def test_a_picture_that_shows_what_the_one_before_showed_is_said_and_no_other():
         False, False, False, True,
     ]  # fmt: skip
     assert reasons[0] == reasons[1] == reasons[2] == ("", "")
+
+
+def test_a_camera_between_whose_pictures_is_interpolated_is_no_copy_of_itself():
+    """At instants close to each other a still model is where it was, but for a part of the noise of both pictures."""
+    stations = tuple(Station(name, CAMERA, AWAY) for name in ("own", "slow"))
+    test = DeformationTest(stations, markers(), Volumes.of([]), look=LookOptions((5.0,)))
+    rng = np.random.default_rng(6)
+
+    def still():
+        return image((0, 0)) + rng.integers(0, 4, (300, 400), np.uint8)
+
+    first, second = Shot(0.0, still()), Shot(1.0, still())
+    frames = [FrameImages("0", 0.0, {"own": still(), "slow": first.image})]
+    frames += [
+        FrameImages(str(k), t, {"own": still(), "slow": first.image}, {"slow": (first, second)})
+        for k, t in enumerate((0.2, 0.21, 0.22), 1)
+    ]
+    assert [f.cameras["slow"].reason for f in follow_deformation(frames, test)][1:] == ["", "", ""]
 
 
 def test_a_disc_that_the_border_cuts_takes_no_part_until_it_is_whole_again():

@@ -81,7 +81,9 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
             return found
         if found is not None:
             healed, doubt = found
-            return healed, Verdict(doubts=(doubt, *lost(healed)), unchecked=unknown)
+            own = at_bounds(Equations(healed), FALSE) if healed.at_bound else None
+            said = (doubt, *lost(healed), *(own.doubts if own is not None else ()))
+            return healed, Verdict(doubts=said, unchecked=unknown, bounds=own)
     if pattern is not None:
         chi2, redundancy = chi2 - pattern.test, redundancy - pattern.rank
         doubts += _lacking(solved, pattern) if apart is None else []

@@ -10,7 +10,8 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.doubts import as_finding
 from windmark.pipeline.verdict.picture import series_blur, series_fields
 from windmark.pipeline.verdict.reasons import told_by
-from windmark.pipeline.verdict.verdict import DOUBTFUL, NO_COPY, Finding
+from windmark.pipeline.verdict.series import copies_finding
+from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 from windmark.scene.repeated import ONCE_MORE
 
 
@@ -32,9 +33,7 @@ def _copies(instants: Sequence[Followed]) -> list[Finding]:
     if not copies:
         return []
     name, key = copies[0]
-    more = f", and {len(copies) - 1} more such" if len(copies) > 1 else ""
-    said = f"{name} shows in {key} what it showed before ({ONCE_MORE}){more}: that is of another instant"
-    return [Finding(DOUBTFUL, "file", said, NO_COPY)]
+    return [copies_finding(f"{name} shows in {key} what it showed before", len(copies), "that")]
 
 
 def _doubts(instants: Sequence[Followed]) -> list[Finding]:

@@ -9,6 +9,7 @@ import numpy as np
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.scene.repeated import ONCE_MORE
 
 
 def lost_findings(lost: Sequence[tuple[str, str]], count: int, what: str) -> list[Finding]:
@@ -18,6 +19,13 @@ def lost_findings(lost: Sequence[tuple[str, str]], count: int, what: str) -> lis
     name, why = lost[0]
     cause, step = told_by(why) or ("lost", f"look at the first of these {what}")
     return [Finding(DOUBTFUL, cause, f"{len(lost)} of {count} {what} gave no result; {name}: {why}", step)]
+
+
+def copies_finding(first: str, count: int, what: str) -> Finding:
+    """Pictures that are there twice, how the ``first`` of so many is; ``what`` of it is of another instant."""
+    more = f", and {count - 1} more such" if count > 1 else ""
+    step = "leave the copy out, and look whether the recording dropped pictures"
+    return Finding(DOUBTFUL, "file", f"{first} ({ONCE_MORE}){more}: {what} is of another instant", step)
 
 
 def bad_series(cause: str, reason: str, step: str) -> Verdict:

@@ -14,9 +14,9 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, series_blur, series_fields
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import what_is_left
-from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
-from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, NO_COPY, Finding, Verdict
-from windmark.scene.repeated import ONCE_MORE, is_repeated
+from windmark.pipeline.verdict.series import bad_series, copies_finding, lost_findings, middle
+from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.scene.repeated import is_repeated
 
 
 def track_verdict(rows: Sequence[PoseRow], unit: str, first: PictureState | None = None) -> Verdict:
@@ -86,9 +86,7 @@ def _copies(rows: Sequence[PoseRow]) -> list[Finding]:
     if not copies:
         return []
     name, of = copies[0]
-    more = f", and {len(copies) - 1} more such" if len(copies) > 1 else ""
-    said = f"{name} is {of} once more ({ONCE_MORE}){more}: its pose is of another instant"
-    return [Finding(DOUBTFUL, "file", said, NO_COPY)]
+    return [copies_finding(f"{name} is {of} once more", len(copies), "its pose")]
 
 
 def _same(a: PoseRow, b: PoseRow) -> bool:

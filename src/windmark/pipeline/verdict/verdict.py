@@ -58,8 +58,6 @@ first one here is the reason."""
 _RANK = {cause: n for n, cause in enumerate(CAUSES)}
 _WEIGHT = {word: n for n, word in enumerate(WORDS)}
 
-NO_COPY = "leave the copy out, and look whether the recording dropped pictures"
-"""Next step where a picture is there twice."""
 
 
 @dataclass(frozen=True)

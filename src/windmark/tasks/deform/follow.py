@@ -32,7 +32,7 @@ from windmark.tasks.deform.task import (
     as_given,
 )
 from windmark.tasks.deform.texture import Texture, texture_of, without_texture
-from windmark.tasks.deform.walls import LEAST_WALL, THERE
+from windmark.tasks.deform.walls import without_walls
 
 Array = NDArray[np.float64]
 
@@ -175,7 +175,8 @@ class _Follower:
                 out[name] = sight(
                     images[name], self._test, station, spots, self._usual, state is None, known, hidden, lag
                 )  # fmt: skip
-                if memory is not None and not out[name].reason:
+                # Between the same two pictures two instants may differ by a small part of their noise.
+                if memory is not None and name not in self._shots and not out[name].reason:
                     out[name] = replace(out[name], reason=once_more(memory.labelled.get(name), spots))
         return out
 
@@ -230,7 +231,7 @@ class _Follower:
         placed = displaced(self._test.markers, expected)
         labelled = self._look_near(images, expected, placed, memory.error_px, memory.labelled, instant)
         self._last = labelled
-        if (gone := self._without_walls(labelled, memory.labelled)) is not None:
+        if (gone := without_walls(self._test, labelled, memory.labelled)) is not None:
             return f"{gone} lost the markers on walls"
         count = sum(len(s.marker) for s in labelled.values())
         usual = sum(len(memory.labelled[n].marker) for n in images if n in memory.labelled)
@@ -248,15 +249,6 @@ class _Follower:
             if not isinstance(again, str) and len(again[2]) > count:
                 return again
         return answer, labelled, observations, error
-
-    def _without_walls(self, now: Mapping[str, Labelled], before: Mapping[str, Labelled]) -> str | None:
-        """A fixed camera that has lost most of its markers on walls, which do not move; None where all have theirs."""
-        wall = self._test.markers.role == "wall"
-        for name, own in now.items():
-            usual = int(wall[before[name].marker].sum()) if name in before else 0
-            if usual >= LEAST_WALL and not self._test.station(name).moves and wall[own.marker].sum() < THERE * usual:
-                return name
-        return None
 
     def _look_near(
         self, images: dict[str, Image], state: Deformation, placed: MarkerSet, error_px: dict[str, float],

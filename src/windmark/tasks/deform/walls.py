@@ -6,6 +6,7 @@ for they are not found, and the model alone would fit: with a motion that is the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,23 @@ from scipy.spatial import cKDTree
 from windmark.errors import g2
 from windmark.registration import Registration, register
 from windmark.scene import Detections
-from windmark.tasks.deform.spots import LEAST_PX
+from windmark.tasks.deform.spots import LEAST_PX, Labelled
 from windmark.tasks.deform.task import DeformationTest, Station
 
 LEAST_WALL = 4
 """So many markers on walls are wanted to find where a camera stands."""
 THERE = 0.5
 """Part of the walls' markers in the picture that have a spot at their places where the camera stands as it should."""
+
+
+def without_walls(test: DeformationTest, now: Mapping[str, Labelled], before: Mapping[str, Labelled]) -> str | None:
+    """A fixed camera that has lost most of its markers on walls, which do not move; None where all have theirs."""
+    wall = test.markers.role == "wall"
+    for name, own in now.items():
+        usual = int(wall[before[name].marker].sum()) if name in before else 0
+        if usual >= LEAST_WALL and not test.station(name).moves and wall[own.marker].sum() < THERE * usual:
+            return name
+    return None
 
 
 def off_its_walls(spots: Detections, test: DeformationTest, station: Station, options: dict[str, Any]) -> str:
