@@ -89,7 +89,7 @@ class _Equations:
     views : (V,) their numbers
     free : (V, 3) which of the changes are unknowns of the network already
     power, score : (V, 3, 3), (V, 3) b^T b and b^T r, with b by what a change moves the view's marks
-    cross, through : (D + E b, V, 3) J^T b, and C times that: how the network's unknowns go along
+    cross, through : (D + E b, V, 3) J^T b, and of C times that (D, V, 3): how the network's dense unknowns go along
     every : (V, 3, V, 3) b^T Q b: what these leave over of all changes together
     """
 
@@ -127,12 +127,13 @@ def _equations(solved: Solved) -> _Equations:
     n, at = np.arange(len(views)), np.full(len(marks.starts) - 1, -1)
     at[views] = n
     cross = gathered(solved, b, at[marks.views], len(views))
-    through = solved.covariance.product(cross.reshape(len(cross), -1)).reshape(cross.shape)
-    every = -(cross.reshape(len(cross), -1).T @ through.reshape(len(cross), -1)).reshape(len(views), 3, len(views), 3)
+    through, inner = solved.covariance.quadratic(cross.reshape(len(cross), -1))
+    every = -inner.reshape(len(views), 3, len(views), 3)
     first = marks.starts[views]
     power = np.add.reduceat(np.einsum("oik,oil->okl", b, b), first) if len(views) else np.zeros((0, 3, 3))
     score = np.add.reduceat(np.einsum("oik,oi->ok", b, r), first) if len(views) else np.zeros((0, 3))
     every[n, :, n] += power
+    through = through.reshape(-1, *cross.shape[1:])
     return _Equations(views, problem.layout.columns.change[views] >= 0, power, score, cross, through, every)
 
 
@@ -196,7 +197,7 @@ def _own(names: list[str], solved: Solved, blocks: Array, size: Array, score: Ar
 def _worst(solved: Solved, views: Ints, left: Array, moved: Array) -> Unnoticed | None:
     """What the view does that may be focused anew unnoticed and moves its camera's focal length most, if it matters.
 
-    ``left`` (V,) and ``moved`` (D + E b, V) of the ``views``: what the network's unknowns leave over of a change of
+    ``left`` (V,) and ``moved`` (D, V) of the ``views``: what the network's unknowns leave over of a change of
     each one's focal length, and how they move with it (external reliability).
     """
     smallest = (norm.isf(UNLIKELY / (2 * len(views))) + norm.isf(1 - NOTICED)) * np.sqrt(

@@ -91,11 +91,24 @@ class NetworkCovariance:
 
     def product(self, vectors: Array) -> Array:
         """Covariance times (D + E b, k)."""
-        d, (e, b) = len(self.dense), self.blocks.shape[:2]
-        top, low = vectors[:d], vectors[d:]
-        upper = self.dense @ (top - self.half.T @ low)
-        inner = (self.own @ low.reshape(e, b, -1)).reshape(e * b, -1)
-        return np.concatenate([upper, inner - self.half @ upper])
+        upper = self._upper(vectors)[1]
+        return np.concatenate([upper, self._by_own(vectors) - self.half @ upper])
+
+    def quadratic(self, vectors: Array) -> tuple[Array, Array]:
+        """(D, k) the first rows of `product`, and (k, k) vectors^T times all of it, which need not be made."""
+        left, upper = self._upper(vectors)
+        return upper, left.T @ upper + vectors[len(self.dense) :].T @ self._by_own(vectors)
+
+    def _upper(self, vectors: Array) -> tuple[Array, Array]:
+        """(D, k) what the eliminated parameters leave over of vectors, and the first rows of `product`."""
+        d = len(self.dense)
+        left = vectors[:d] - self.half.T @ vectors[d:]
+        return left, self.dense @ left
+
+    def _by_own(self, vectors: Array) -> Array:
+        """(E b, k) the eliminated parameters' own part of `product`."""
+        low = vectors[len(self.dense) :]
+        return np.asarray((self.own @ low.reshape(*self.own.shape[:2], -1)).reshape(low.shape))
 
 
 def network_covariance(system: NetworkEquations, layout: Layout) -> NetworkCovariance:
