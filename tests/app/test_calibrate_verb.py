@@ -154,7 +154,7 @@ def test_the_grid_tells_how_discs_are_bent(windmark, plate, undrawn, monkeypatch
     far = np.add(on, [0, 0, size])
     io.write_markers(folder / "rough.csv", MarkerSet.make(names, far, radius=size / 60, normal=up))
     done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
-    assert (done.code, "dome.stl: does nothing as --grid: " in done.err) == (2, True), done.err
+    assert (done.code, "dome.stl: does nothing for the markers: " in done.err) == (2, True), done.err
     walls = MarkerSet.make(names, on, radius=size / 60, normal=up, role=["wall"] * len(on))
     io.write_markers(folder / "rough.csv", walls)
     done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")  # a grid of walls

@@ -7,7 +7,9 @@ import pytest
 
 from windmark import io
 from windmark.pipeline.grid import read_grid
+from windmark.pipeline.job import begin
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.project import make_project
 from windmark.pipeline.project_entries import GridEntry
 from windmark.scene import Mesh
 
@@ -84,3 +86,27 @@ def test_a_zone_with_the_name_of_a_volume_takes_no_part_unless_named(tmp_path):
 def test_volumes_that_say_nothing_or_too_much_are_refused(volumes, words, tmp_path):
     with pytest.raises(ValueError, match=words):
         GridEntry(file=tmp_path, volumes=volumes)
+
+
+def test_a_surface_for_the_markers_alone_bends_their_discs_as_the_grid_does(virtual_test):
+    """Without [grid] nothing is mapped, but a disc on a curved part is still not centred on its marker."""
+    folder = virtual_test[0]
+    settings = {
+        "title": "one", "length_unit": "mm", "camera": [{"file": folder / "camera.json"}],
+        "image": [{"file": folder / "wind-off.tif"}], "detect": {"radius_px": [4.0]},
+    }  # fmt: skip
+    grid, markers = folder / "model.grid", {"file": folder / "markers.csv", "roles": ("model",)}
+
+    def begun(**more):
+        return begin(make_project(folder / "one.toml", settings | more)).inputs
+
+    flat, alone = begun(markers=markers), begun(markers=markers | {"surface": grid})
+    mapped = begun(markers=markers, grid={"file": grid})
+    assert alone.mesh is None
+    assert not flat.markers.curvature.any()
+    assert (np.abs(mapped.markers.curvature).max(axis=(1, 2)) > 0).sum() > 10
+    np.testing.assert_array_equal(alone.markers.curvature, mapped.markers.curvature)
+    with pytest.raises(io.FileError, match=r"markers\.surface.*does nothing beside \[grid\]"):
+        begun(markers=markers | {"surface": grid}, grid={"file": grid})
+    with pytest.raises(io.FileError, match=r"markers\.csv"):
+        begun(markers=markers | {"surface": folder / "markers.csv"})

@@ -77,7 +77,7 @@ def curved_by(markers: MarkerSet, grid: Path, lengths: Lengths) -> tuple[MarkerS
     mesh = lengths.mesh(grid)
     known = np.isfinite(markers.normal).all(axis=1) & np.isfinite(markers.radius)
     if not known.any():
-        raise io.FileError(grid, "does nothing as --grid: no marker of the table has a normal and a radius")
+        raise io.FileError(grid, "does nothing for the markers: none of the table has a normal and a radius")
     model = known & (markers.role != "wall")
     asked = np.flatnonzero(model if model.any() else known)  # walls are on no grid of a model, but on one of walls
     reach = max(ROUGH * mesh.size, float(markers.radius[known].max()))
@@ -86,5 +86,5 @@ def curved_by(markers: MarkerSet, grid: Path, lengths: Lengths) -> tuple[MarkerS
     said = f"{flat} of {len(asked)} markers are over {g2(reach)} {lengths.unit} off its surface"
     said += "; their discs count as flat"
     if flat == len(asked):
-        raise io.FileError(grid, f"does nothing as --grid: {said}")
+        raise io.FileError(grid, f"does nothing for the markers: {said}")
     return with_curvature(markers, mesh, reach), said if flat else ""

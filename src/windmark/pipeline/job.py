@@ -14,7 +14,7 @@ from windmark import io
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, counting, silent
 from windmark.pipeline.framing import frame_views
-from windmark.pipeline.grid import oriented, read_surface, with_curvature
+from windmark.pipeline.grid import curved_by, oriented, read_surface, with_curvature
 from windmark.pipeline.instants import locate_together, read_rig
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.locate import Inputs, locate
@@ -71,13 +71,12 @@ def begin(project: Project) -> Begun:
     )
     _check_labels(inputs)
     inputs, walls, notes = _walls_apart(inputs, lengths)
-    if inputs.markers is not None:
-        inputs = replace(inputs, markers=with_curvature(inputs.markers, inputs.mesh))
+    inputs, said = _curved(inputs, lengths)
     if inputs.mesh is not None and not inputs.mesh.blocks and "plot3d" in (project.output.nodes or ()):
         raise io.FileError(project.path, "plot3d needs a grid of structured blocks, this one has none", "output.nodes")
     framed = () if inputs.mesh is None else frame_views(project, inputs.mesh)
     lists = read_lists(project.points, lengths)
-    return Begun(inputs, walls, framed, lists, notes + lengths.notes())
+    return Begun(inputs, walls, framed, lists, notes + said + lengths.notes())
 
 
 def run_project(project: Project, *, progress: Progress = silent, workers: int | None = None) -> RunResult:
@@ -116,6 +115,17 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     notes += tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged,
                      lost)  # fmt: skip
+
+
+def _curved(inputs: Inputs, lengths: Lengths) -> tuple[Inputs, tuple[tuple[Path, str], ...]]:
+    """The inputs with the curvature of the surface at the markers, by the grid or what stands in its place; notes."""
+    if inputs.markers is None or inputs.project.markers is None:
+        return inputs, ()
+    surface = inputs.project.markers.surface
+    if surface is None:
+        return replace(inputs, markers=with_curvature(inputs.markers, inputs.mesh)), ()
+    markers, said = curved_by(inputs.markers, surface, lengths)
+    return replace(inputs, markers=markers), ((surface, said),) if said else ()
 
 
 def _walls_apart(inputs: Inputs, lengths: Lengths) -> tuple[Inputs, tuple[str, ...], tuple[tuple[Path, str], ...]]:

@@ -126,6 +126,8 @@ class Project(Strict):
                 faults.add(words, "align", "background")
             if len({(i.quantity, i.unit) for i in self.image}) > 1:
                 faults.add("all images must have the same quantity and unit, for they are subtracted", "align")
+        if self.grid is not None and self.markers is not None and self.markers.surface is not None:
+            faults.add("surface does nothing beside [grid], which says it, too: one of them", "markers", "surface")
         wanted = [name for name in ("view", "section", "align", "points", "line") if getattr(self, name)]
         if self.grid is None and wanted:
             words = "views, sections, points, lines and alignment need a grid: add [grid] file = ..."

@@ -121,10 +121,12 @@ class ImageEntry(Strict):
 class MarkersEntry(Strict):
     """The markers' table; only the given roles are matched. Where the model moved, leave the walls out.
 
-    ``file``: CSV or ``.tgts``. ``roles``: which markers take part.
+    ``file``: CSV or ``.tgts``. ``roles``: which markers take part. ``surface``: without [grid], a grid that they lie
+    on: on curved parts a disc's image is not centred on the disc.
     """
 
     file: Path
+    surface: Path | None = None
     roles: Annotated[tuple[Role, ...], Field(min_length=1)] = ("model", "wall", "primary", "secondary")
 
 

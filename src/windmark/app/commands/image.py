@@ -183,6 +183,7 @@ def register(
     exclude: Exclude = None,
     binding: Binding = BINDING.default,
     roles: Roles = None,
+    grid: MarkersGrid = None,
     method: Method = METHOD.default,
     max_time: MaxTime = MAX_TIME_S.default,
     mask: Mask = None,
@@ -201,7 +202,7 @@ def register(
             "length_unit": unit,
             "camera": [{"file": camera}],
             "image": [image_settings(image, label, exclude)],
-            "markers": markers_settings(markers, roles),
+            "markers": markers_settings(markers, roles, grid),
             "detect": detect_settings(radius, polarity, merit_max, mask),
             "register": register_settings(
                 seed,

@@ -106,9 +106,11 @@ def detect_settings(radius: list[float] | None, polarity: str, merit_max: float,
     }  # fmt: skip
 
 
-def markers_settings(file: Path, roles: list[str] | tuple[str, ...] | None) -> dict[str, Any]:
+def markers_settings(
+    file: Path, roles: list[str] | tuple[str, ...] | None, surface: Path | None = None
+) -> dict[str, Any]:
     """Table [markers] of a project; without roles its default."""
-    return {"file": file} | ({"roles": tuple(roles)} if roles else {})
+    return {"file": file, "surface": surface} | ({"roles": tuple(roles)} if roles else {})
 
 
 def values_settings(quantity: str | None, unit: str | None, scale: float, offset: float) -> dict[str, Any]:
