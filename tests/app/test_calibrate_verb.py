@@ -133,7 +133,7 @@ def test_the_grid_tells_how_discs_are_bent(windmark, plate, undrawn, monkeypatch
     up = np.column_stack([on[:, :2] / (10 * size), np.ones(len(on))])
     done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
     assert done.code != 0
-    assert "no marker of the table has a normal and a radius" in done.err
+    assert "none of the table has a normal and a radius" in done.err
     table = MarkerSet.make(names, on, radius=size / 60, normal=up)
     io.write_markers(folder / "rough.csv", table)
     done = call(windmark, folder, "--datum", "free", "-g", folder / "dome.stl")
