@@ -1,5 +1,7 @@
 """`windmark convert`: cameras between programs."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -97,3 +99,12 @@ def test_a_pose_in_another_unit(windmark, own, tmp_path):
     done = windmark("convert", tmp_path / "c.cameramodel", tmp_path / "c.json", "--to-unit", "mm")
     assert done.code == 2
     assert "give --unit" in done.err
+
+
+def test_a_camera_in_millimetres_is_doubtful(windmark, tmp_path):
+    matrix, size = [[16, 0, 2.4], [0, 16, 1.5], [0, 0, 1]], [960, 600]
+    (tmp_path / "mm.json").write_text(json.dumps({"K": matrix, "dist": [0, 0, 0, 0], "image_size": size}))
+    done = windmark("convert", tmp_path / "mm.json", tmp_path / "c.json")
+    assert done.code == 0
+    assert done.out.count("sees 177 degrees across a picture of 960 x 600 px, as no lens does") == 2  # note, verdict
+    assert "doubtful" in done.out

@@ -103,3 +103,28 @@ def test_python_m_is_the_command():
     assert done.returncode == 2
     assert "windmark detect" in done.stderr
     assert "__main__" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["detect", "a.png", "--polarity", "dark", "--polarity", "bright"], "--polarity is given 2 times; expected"),
+        (["detect", "a.png", "--channel=red", "-r", "3", "--channel", "blue"], "--channel is given 2 times"),
+        (["run", "p.toml", "-o", "x", "--output", "y"], "--output / -o is given 2 times"),
+        (["calibrate", "a.png", "-m", "m.csv", "--unit", "mm", "--reject", "--no-reject", "-o", "x"],
+         "--reject / --no-reject is given 2 times"),
+    ],
+)  # fmt: skip
+def test_an_option_with_one_value_is_given_once(words, said, monkeypatch, capsys):
+    """The last one counted, in silence."""
+    assert said in refused(words, monkeypatch, capsys).err
+    done = json.loads(refused([*words, "--json"], monkeypatch, capsys).out)
+    assert said in done["verdict"]["reason"]
+    assert done["verdict"]["cause"] == "usage"
+
+
+@pytest.mark.parametrize("words", [["--radius", "3", "--radius", "5"], ["--json", "--json"], ["-r", "3", "-r", "3"]])
+def test_lists_and_flags_may_be_repeated(words, monkeypatch, capsys):
+    told = refused(["detect", "no-such.png", *words], monkeypatch, capsys)
+    assert "times" not in told.err + told.out
+    assert "no-such.png" in told.err + told.out

@@ -69,3 +69,25 @@ def test_bounds_are_kept():
 
     assert checked(rooted, tip={"lower": 0.0, "upper": 1.0}) == ()
     assert checked(rooted, tip={"lower": 0.0, "upper": 1.0, "start": 1.0})[0].endswith("at its start values")
+
+
+@pytest.mark.parametrize(
+    ("function", "where"),
+    [
+        (lambda xyz, tip: up(xyz, tip + 3 * np.maximum(tip - 0.1, 0)), "0.1"),
+        (lambda xyz, tip: up(xyz, np.minimum(tip, 0.15)), "0.15"),
+        (lambda xyz, tip: up(xyz, tip + np.sqrt(np.abs(tip))), "0"),
+        (lambda xyz, tip: up(xyz, np.where(xyz[:, :1] > 50, np.maximum(tip - 0.1, 0), tip)), "0.1"),
+    ],
+)
+def test_a_kink_is_no_jump(function, where):
+    """A stop, a slack, the foot of a root: continuous, with another slope on its other side, and said to be that."""
+    (remark,) = checked(function)
+    assert f"its slope in tip changes near {where}, close to its start 0" in remark
+
+
+@pytest.mark.parametrize(("jump", "at"), [(0.2, 0.07), (-0.1, 0.13), (-0.4, 0.02)])
+def test_a_jump_is_found_beside_a_slope(jump, at):
+    """Also one against the slope, where a half without it moves more."""
+    with pytest.raises(LawError, match=f"is not continuous in tip near {at}"):
+        checked(lambda xyz, tip: up(xyz, tip + jump * (tip > at)))

@@ -1,7 +1,10 @@
 """Pictures of two fields, taken one after the other: told where markers moved between them, and only there."""
 
+import io
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from windmark import detect
 from windmark.detection.fields import SURE, field_shift
@@ -70,3 +73,25 @@ def test_dead_pixels_take_their_windows_out():
     assert field_shift(some, spots.xy, 4.0).xy[0] == pytest.approx(1.0, abs=0.12)
     assert field_shift(every, spots.xy, 4.0).sure_px == 0.0
     assert SURE > 4
+
+
+def compressed(image, quality, off):
+    """The picture from a JPEG whose blocks begin ``off`` pixels before it."""
+    whole = np.pad(np.clip(np.rint(image), 0, 255).astype(np.uint8), ((off, 8), (off, 8)), mode="edge")
+    file = io.BytesIO()
+    Image.fromarray(whole).save(file, "JPEG", quality=quality)
+    height, width = image.shape
+    return np.asarray(Image.open(file))[off : off + height, off : off + width]
+
+
+@pytest.mark.parametrize("quality", [15, 20, 30, 50])
+@pytest.mark.parametrize(("radius", "off"), [(3.0, 0), (4.0, 3), (6.0, 1)])
+def test_strong_compression_is_no_second_field(radius, off, quality):
+    """The last row of a block of 8 is not the mean of its neighbours: that was a shift of 0.2 to 0.4 px."""
+    image = compressed(sheet(5, radius_px=radius, pitch_px=int(12 * radius) + 1), quality, off)
+    assert field_shift(image, detect(image, radius_px=radius).xy, radius).sure_px < 0.1
+
+
+def test_fields_are_seen_through_a_mild_compression():
+    image = compressed(combed(sheet(), 0.0, 1.3), 90, 2)
+    assert field_shift(image, detect(image, radius_px=4.0).xy, 4.0).sure_px == pytest.approx(1.3, abs=0.15)

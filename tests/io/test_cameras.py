@@ -545,3 +545,49 @@ def test_any_text_gives_a_camera_or_a_file_error(tmp_path_factory, data):
     except FileError:
         return
     assert np.isfinite(camera.parameters()).all()
+
+
+def opencv_file(folder, matrix, size=(960, 600), **more):
+    """An OpenCV camera as JSON, written by hand."""
+    path = folder / "cv.json"
+    path.write_text(json.dumps({"K": matrix, "dist": [0, 0, 0, 0, 0], "image_size": size, **more}))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("matrix", "size", "word"),
+    [
+        ([[16, 0, 2.4], [0, 16, 1.5], [0, 0, 1]], (960, 600), "a focal length of 16 px sees 177 degrees"),
+        ([[1.6, 0, 0.5], [0, 1.6, 0.5], [0, 0, 1]], (960, 600), "parts of the width"),
+        ([[1.5e7, 0, 4e5], [0, 1.5e7, 3e5], [0, 0, 1]], (960, 600), "as no lens does"),
+        ([[1500, 0, 4800], [0, 1500, 300], [0, 0, 1]], (960, 600), "4800, 300 px, is outside of the picture"),
+        ([[1500, 0, 480], [0, 1500, 300], [0, 0, 1]], (600, 960), "width and height of the size are exchanged"),
+    ],
+)
+def test_numbers_that_are_hardly_pixels_are_said(tmp_path, matrix, size, word):
+    content = read_camera_file(opencv_file(tmp_path, matrix, size))
+    assert word in content.note
+    assert content.camera.cx == matrix[0][2]  # taken all the same: a part that was cut out may have it
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera((960, 600), 1500.0, cx=500.0, cy=310.0), Camera((1920, 1080), 900.0, k1=-0.3),
+        Camera((960, 600), 280.0, lens="fisheye"), Camera((640, 640), 60000.0), Camera((480, 640), 700.0, cx=250.0),
+        Camera((128, 128), 3000.0), Camera((1600, 400), 1500.0),
+    ],
+)  # fmt: skip
+def test_real_cameras_are_not_doubted(tmp_path, camera):
+    write_camera(tmp_path / "c.json", camera)
+    assert read_camera_file(tmp_path / "c.json").note == ""
+
+
+def test_a_size_with_height_before_width_is_named(tmp_path):
+    matrix = [[1500, 0, 480], [0, 1500, 300], [0, 0, 1]]
+    path = opencv_file(tmp_path, matrix, (600, 960), image_width=960, image_height=600)
+    with pytest.raises(FileError, match=r"height before width; expected \(width, height\)"):
+        read_camera_file(path)
+    path = opencv_file(tmp_path, matrix, (960, 640), image_width=960, image_height=600)
+    with pytest.raises(FileError, match="expected the same"):
+        read_camera_file(path)

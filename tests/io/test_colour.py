@@ -45,6 +45,15 @@ def test_kernel_beside_its_slow_twin():
     assert from_mosaic(values.astype(np.uint16), "RGGB").dtype == np.float32
 
 
+def test_the_pixels_of_one_channel_stay_as_they_are():
+    """Green, too, of which the kernel sees five there; between them is the mean of four."""
+    values = RNG.uniform(0, 4000, (9, 12))
+    green = from_mosaic(values, "GRBG", channel="green")
+    own = (np.add.outer(np.arange(9), np.arange(12)) % 2) == 0
+    np.testing.assert_array_equal(green[own], values[own])
+    np.testing.assert_allclose(green[3, 4], (values[2, 4] + values[4, 4] + values[3, 3] + values[3, 5]) / 4)
+
+
 @pytest.mark.parametrize("contrast", [(0.6, 0.6, 0.6), (0.1, 0.6, 0.6), (0.7, 0.5, 0.1)])
 def test_centres_stay_in_place(draw_discs, contrast):
     """Black, red and blue dots of radius 2 and 3 under coloured light: every centre within 0.02 px, no common shift."""

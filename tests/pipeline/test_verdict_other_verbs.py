@@ -149,13 +149,14 @@ def test_few_markers_and_unknown_sizes_say_nothing_of_a_pose(tunnel):
 
 
 # --- a followed sequence ----------------------------------------------------------------------------
-def rows(tunnel, **off):
-    """Three pictures, their spots exact but for 0.01 px."""
+def rows(tunnel, moved=(), **off):
+    """Three pictures, their spots exact but for 0.01 px, those of some markers ``moved`` by a quarter of a pixel."""
     shot, camera, out = tunnel.shot("wind-off").perfect, tunnel.cameras["cam1"], []
     use = np.flatnonzero(shot.markers.visible & (tunnel.markers.role == "model"))
     other = replace(camera, cov=None, **{k: getattr(camera, k) + v for k, v in off.items()})
     for k in range(3):
         xy = shot.markers.ellipse_xy[use] + np.random.default_rng(k).normal(0, 0.01, (len(use), 2))
+        xy[list(moved), 0] += 0.25
         spots = Detections.make(xy, cov=np.tile(np.eye(2) * 1e-4, (len(use), 1, 1)), radius_px=np.full(len(use), 3.0))
         answer = register(spots, tunnel.markers.take(use), other)
         assert answer, answer.reason
@@ -171,6 +172,19 @@ def test_another_camera_is_told_of_a_sequence_as_of_one_picture(tunnel):
         assert (verdict.word, verdict.cause) == (DOUBTFUL, "lens"), verdict
         assert "as most of 3 images" in verdict.reason
         assert "elsewhere" in verdict.reason
+
+
+def test_one_marker_off_its_table_is_named(tunnel):
+    """It was "good", with sigmas 20 to 200 times as large: those of a model that is bent at this marker alone."""
+    every = rows(tunnel, moved=[5])
+    names = [f"n{k}" for k in range(len(tunnel.markers))]
+    assert 5 in every[0].matches[0]
+    verdict = track_verdict(every, "mm", names=names)
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "marker"), verdict
+    assert verdict.reason.startswith("n5 is 0.2")
+    assert "in most of 3 images" in verdict.reason
+    once = [rows(tunnel)[0], every[1], rows(tunnel)[2]]
+    assert track_verdict(once, "mm", names=names).word == GOOD  # a spot that is off in one picture of three
 
 
 def test_a_picture_that_was_written_twice_is_named(tunnel):

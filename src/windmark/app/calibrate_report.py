@@ -111,6 +111,8 @@ def _overview(report: Report, done: Calibrated, unit: str, pictures: Sequence[Pi
         report.text(f"{lens_words(done.lenses).capitalize()}.")
     for sentence in result.warnings:
         report.text(f"{sentence}.", "bad")
+    if done.unchecked:
+        report.text(f"The marks cannot tell: {done.unchecked}.", "soft")
 
 
 def add_camera(report: Report, result: Calibration, name: str) -> None:

@@ -268,6 +268,7 @@ def _lines(done: Calibrated, matched: Pictures, against: Comparison | None, file
                      f"{files.unit} RMS,"
                      f" {against.ratio:.2f} times what the covariances say")  # fmt: skip
     lines += [f"warning: {sentence}" for sentence in result.warnings]
+    lines += [f"unchecked: {done.unchecked}"] if done.unchecked else []
     lines += [f"swapped: {a} and {b} in {view}" for a, b, view in result.swapped]
     lines += [f"left out: {name}: {why}" for name, why in result.dropped.items()]
     return lines

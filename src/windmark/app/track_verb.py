@@ -97,7 +97,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
             **sequence_summary(rows, camera, unit), "seconds": job_time() - start, "folder": wishes.output,
             "polarity": series.polarity,
         }  # fmt: skip
-        verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None)
+        verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None, markers.name.tolist())
         record["verdict"] = verdict.record()
         page = _write(out, wishes, series, markers, camera, record, images)
         out.refused = last is None

@@ -81,7 +81,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class _Equations:
+class Equations:
     """Of the changes of V views, each in focal length (relative) and principal point (px, 2).
 
     Parameters
@@ -104,7 +104,7 @@ class _Equations:
 
 def changes(job: Job, solved: Solved) -> tuple[Asked, Asked]:
     """Whether views ask for a focal length, and for a principal point, of their own (Baarda 1968)."""
-    equations = _equations(solved)
+    equations = equations_of(solved)
     if not len(equations.views):
         return Asked(), Asked()
     by_itself = set(job.free_focal) >= {v.name for v in job.views}
@@ -112,7 +112,8 @@ def changes(job: Job, solved: Solved) -> tuple[Asked, Asked]:
     return _asked(job, solved, equations, focal, False), _asked(job, solved, equations, principal, by_itself)
 
 
-def _equations(solved: Solved) -> _Equations:
+def equations_of(solved: Solved) -> Equations:
+    """What the used marks of every view say of a change of its own."""
     problem, state, order = solved.problem, solved.state, solved.problem.order
     marks, used, r = problem.marks, solved.used[order], solved.residual[order]
     center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.network.view_camera[marks.views]]
@@ -134,10 +135,10 @@ def _equations(solved: Solved) -> _Equations:
     score = np.add.reduceat(np.einsum("oik,oi->ok", b, r), first) if len(views) else np.zeros((0, 3))
     every[n, :, n] += power
     through = through.reshape(-1, *cross.shape[1:])
-    return _Equations(views, problem.layout.columns.change[views] >= 0, power, score, cross, through, every)
+    return Equations(views, problem.layout.columns.change[views] >= 0, power, score, cross, through, every)
 
 
-def _asked(job: Job, solved: Solved, equations: _Equations, what: Ints, by_itself: bool) -> Asked:
+def _asked(job: Job, solved: Solved, equations: Equations, what: Ints, by_itself: bool) -> Asked:
     """Whether views ask for ``what`` of their own; ``by_itself``: whether all have a focal length of their own."""
     of = np.flatnonzero(~equations.free[:, what].any(axis=1))
     views, kinds = equations.views[of], len(what)

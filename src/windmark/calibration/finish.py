@@ -18,6 +18,7 @@ from windmark.calibration.lens_known import RADIAL, radial_spread
 from windmark.calibration.result import Calibration
 from windmark.calibration.rough_places import held_by_table
 from windmark.calibration.setup import Job, frames_of, taking_part, views_of
+from windmark.calibration.sides import mirror_doubts
 from windmark.calibration.solve import Solved
 from windmark.calibration.swaps import swapped
 from windmark.geometry import PARAMETERS, DegenerateGeometry, Pose
@@ -68,6 +69,9 @@ def calibration(
     residuals = _pixels(solved, obs.cov[solved.taken])
     change = np.zeros((len(job.views), 3)) if state.change is None else state.change
     at, o, frames = views_of(job, state), state.offsets, frames_of(job)[1]
+    used = np.zeros(len(obs), dtype=np.bool_)
+    used[np.flatnonzero(solved.taken)[solved.used]] = True
+    doubts = (*doubts, *mirror_doubts(job.markers, state.points, seen, obs, used, [pose for _, pose in at]))
     views = tuple(replace(job.views[v], cam_from_model=at[v][1]) for v in np.flatnonzero(view_seen))
     return Calibration(
         cameras=_cameras(job, solved, covariance, scale),

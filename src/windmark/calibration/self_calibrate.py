@@ -17,6 +17,7 @@ from windmark.calibration.datum import Datum, Distance
 from windmark.calibration.eccentric import radii_off
 from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.foreign import contradicting, most_foreign, of_its_own, without
+from windmark.calibration.mixed import two_cameras, with_mixed
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part
 from windmark.calibration.solve import Solved
@@ -199,21 +200,39 @@ def _attempt(
         reason = "no view has a pose: fewer than four marks, or markers on one line"
         return NotCalibrated(reason, "too_few", (), dropped, np.nan, options)
     outcome, solved = _adjusted(job, state, good, dropped, options)
-    others, foreign = outcome, dict[int, str]()
+    whole, others, foreign = solved, outcome, dict[int, str]()
     # Where all differ a little (a lens that focuses by itself) the rest still asks for it, however many are left out.
     while (
         options["reject"] and solved is not None and isinstance(others, Calibration)
         and contradicting(others, least=0 if foreign else 2)
     ):  # fmt: skip
         if 4 * (len(foreign) + 1) > len(job.views):
-            return outcome  # of so many none can be told to be the wrong one
+            return _of_two_cameras(job, outcome, whole, options, seed)  # of so many none is told to be the wrong one
         view = most_foreign(solved)
         foreign[view] = of_its_own(job, solved, view)
         rest = good & ~np.isin(job.observations.view, list(foreign))
         others, solved = _adjusted(job, state, rest, dropped, options)
     if isinstance(others, Calibration) and foreign:
         return without(others, {job.views[v].name: focal for v, focal in foreign.items()})
-    return outcome
+    alike = isinstance(outcome, Calibration) and not foreign
+    return outcome if alike else _of_two_cameras(job, outcome, whole, options, seed)
+
+
+def _of_two_cameras(
+    job: Job, outcome: Calibration | NotCalibrated, solved: Solved | None, options: dict[str, Any], seed: int
+) -> Calibration | NotCalibrated:
+    """The outcome, with what is to be said where its pictures are of two cameras."""
+    if solved is None or not options["reject"]:
+        return outcome
+
+    def again(parted: Job) -> Calibration | NotCalibrated:
+        good, state, dropped = _start(parted, parted.cameras, seed)
+        if state is None:
+            return NotCalibrated("no view has a pose", "too_few", (), dropped, np.nan, options)
+        return _adjusted(parted, state, good, dropped, options)[0]
+
+    doubt = two_cameras(job, solved, again)
+    return outcome if doubt is None else with_mixed(outcome, doubt)
 
 
 def _adjusted(
@@ -222,8 +241,11 @@ def _adjusted(
     """The ``good`` (O,) marks adjusted from a start and judged, and what was solved."""
     sigma0 = np.nan
 
-    def refused(cause: str, reason: str) -> tuple[NotCalibrated, None]:
-        return NotCalibrated(reason, cause, (), dropped, sigma0, options), None
+    solved: Solved | None = None
+
+    def refused(cause: str, reason: str) -> tuple[NotCalibrated, Solved | None]:
+        # Of marks that do not fit it may still be asked why.
+        return NotCalibrated(reason, cause, (), dropped, sigma0, options), solved if cause == "misfit" else None
 
     try:
         held = with_control(job, state, good, options)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.detection.decide import describe_spots, judge, rejected_places
 from windmark.detection.image import Prepared, check_image, check_polarity, prepare
 from windmark.detection.look import look_for
+from windmark.detection.measured import lattice_of
 from windmark.detection.options import FIT_SLACK, Options, check_radii
 from windmark.detection.radius import prevailing
 from windmark.detection.refined import refined, worth_fitting
@@ -60,7 +61,7 @@ def examine(image: ArrayLike, options: Options, *, why: bool) -> tuple[Detection
         order = worth_fitting(value, spots, found, order, options)
         result, verdict = refined(checked, prepared, spots.take(order), found.take(order), radii, taken, options)
     else:
-        result, verdict = _bowls(prepared, spots.take(order), found.take(order))
+        result, verdict = _bowls(checked, prepared, spots.take(order), found.take(order))
     # What SPOT holds against a weak spot says more than that the template does not fit noise.
     reason[order] = np.where((verdict != ACCEPTED) & (reason[order] == FAINT), FAINT, verdict)
     order = order[verdict == ACCEPTED]
@@ -95,9 +96,13 @@ def _rejected(
     return rejected_places(every, found, value, why, result.xy, np.fmax(result.radius_px, r0))
 
 
-def _bowls(image: Prepared, spots: Spots, found: Shapes) -> tuple[Detections, NDArray[np.int64]]:
+def _bowls(
+    picture: NDArray[np.generic], image: Prepared, spots: Spots, found: Shapes
+) -> tuple[Detections, NDArray[np.int64]]:
     """Detections with the bowl's centres, and for each spot ACCEPTED or UNCERTAIN."""
-    cov = _covariance(image, spots, found)
+    cov, lattice = _covariance(image, spots, found), lattice_of(picture)
+    if lattice is not None:  # the scatter is that of means, too, and pixels that are means say nothing of their own
+        cov /= lattice.scatter * lattice.share
     sure = np.asarray(np.isfinite(cov).all(axis=(1, 2)))
     return _detections(spots.take(sure), found.take(sure), cov[sure]), np.where(sure, ACCEPTED, UNCERTAIN)
 

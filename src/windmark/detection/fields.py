@@ -1,4 +1,9 @@
-"""Two fields in one picture: rows of even and of odd number that were taken one after the other."""
+"""Two fields in one picture: rows of even and of odd number that were taken one after the other.
+
+A compression in blocks of 8 x 8 pixels (JPEG) looks alike at one place of four: the last row of a block is like those
+above it, and the first one of the next is not, so that a row between is not the mean of its neighbours. In the middle
+of a block nothing has moved. Fields have moved at every row: a shift counts only where all four places tell it.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +20,11 @@ LEAST = 6
 """Spots without which nothing is said."""
 SURE = 6.0
 """Sigmas from which a shift is no chance."""
+BLOCK_PX = 8
+"""Rows of a block of a compressed picture."""
+SAME, KNOWN = 3.0, 2.0
+"""A place of a block speaks against a shift if it shows less than its part, where it knows it at all, or more than so
+many times it by so many sigmas."""
 _UNKNOWNS = 3
 """Of the picture: shift in x and y, and what rows in between differ from the mean of their neighbours by."""
 
@@ -27,15 +37,24 @@ class FieldShift:
     ----------
     xy : (2,) px, from rows of even number to those of odd number; NaN where no spot tells it
     sigma : (2,) standard deviations
+    parts : (4, 2, 2) the same two, of the rows of odd number at one place of a block each; None: not asked
     """
 
     xy: Array
     sigma: Array
+    parts: Array | None = None
 
     @property
     def sure_px(self) -> float:
-        """Length of the shift where one of its coordinates is beyond `SURE` sigmas; 0 where it may be chance."""
-        return float(np.hypot(*self.xy)) if (np.abs(self.xy) > SURE * self.sigma).any() else 0.0
+        """Length of the shift where one of its coordinates is beyond `SURE` sigmas, and no place of a block speaks
+        against it; 0 where it may be chance or a compression.
+        """
+        sure = np.abs(self.xy) > SURE * self.sigma
+        if self.parts is not None:
+            size, shift, sigma = np.abs(self.xy), self.parts[:, 0] * np.sign(self.xy), self.parts[:, 1]
+            less, more = (shift < size / SAME) & (sigma < size), shift > SAME * size + KNOWN * sigma
+            sure &= ~(less | more).any(axis=0)
+        return float(np.hypot(*self.xy)) if sure.any() else 0.0
 
 
 UNKNOWN = FieldShift(np.full(2, np.nan), np.full(2, np.nan))
@@ -59,12 +78,20 @@ def field_shift(image: ArrayLike, xy: Array, radius_px: float) -> FieldShift:
     rows = y0[inside, None, None] + np.arange(2 * reach + 4)[None, :, None]
     columns = x0[inside, None, None] + np.arange(2 * reach + 1)[None, None, :]
     windows = grey[rows, columns].astype(float)
-    windows = windows[np.isfinite(windows).all(axis=(1, 2))]  # dead pixels of an infrared picture are NaN
-    return _solved(windows[:, ::2], windows[:, 1::2]) if len(windows) >= LEAST else UNKNOWN
+    whole = np.isfinite(windows).all(axis=(1, 2))  # dead pixels of an infrared picture are NaN
+    if whole.sum() < LEAST:
+        return UNKNOWN
+    even, odd = windows[whole, ::2], windows[whole, 1::2]
+    found = _solved(even, odd, np.ones(odd.shape[:2]))
+    if not found.sure_px:
+        return found
+    place = (rows[whole, 1::2, 0] % BLOCK_PX) // 2
+    parts = [_solved(even, odd, (place == k).astype(float)) for k in range(BLOCK_PX // 2)]
+    return FieldShift(found.xy, found.sigma, np.array([[p.xy, p.sigma] for p in parts]))
 
 
-def _solved(even: Array, odd: Array) -> FieldShift:
-    """By (N, R, W) rows of even and of odd number of N windows."""
+def _solved(even: Array, odd: Array, weight: Array) -> FieldShift:
+    """By (N, R, W) rows of even and of odd number of N windows, of the odd ones those (N, R) with a weight of 1."""
     left, right, inner = slice(None, -2), slice(2, None), slice(1, -1)
     above, below = even[:, 1:-2], even[:, 2:-1]  # of the odd rows 1 .. R - 3
     mean, found = 0.5 * (above + below), odd[:, 1:-2]
@@ -76,6 +103,8 @@ def _solved(even: Array, odd: Array) -> FieldShift:
     design = np.stack([-by_x, -by_y, curved], axis=-1).reshape(count, -1, _UNKNOWNS)
     own = np.stack([np.ones_like(shown), shown], axis=-1).reshape(count, -1, 2)
     misfit = misfit.reshape(count, -1, 1)
+    used = np.repeat(weight[:, 1:-2], shown.shape[2], axis=1)[..., None]
+    design, own, misfit = design * used, own * used, misfit * used
     # What is each window's own is taken out of all columns.
     basis = np.linalg.qr(own).Q
     design, misfit = (v - basis @ (basis.swapaxes(1, 2) @ v) for v in (design, misfit))

@@ -62,6 +62,8 @@ def refined(
     size = np.where(spots.misfit < spots.merit, found.axes[:, 0], found.radius)
     radius = np.clip(np.nan_to_num(size, nan=0.0), 0.75 * spots.r0, 1.3 * spots.r0)
     scene = make_scene(image, options.polarity, options.light, usable, None)
+    if scene.lattice is not None:  # the spots' surface was measured with the means between its pixels
+        spots = replace(spots, noise=spots.noise / np.sqrt(scene.lattice.scatter))
     fits, doubts = fit_candidates(scene, spots.xy, radius)
     noise = expected_noise(fits, spots)
     support = rim_support(scene, fits, noise.variance)

@@ -53,7 +53,8 @@ def from_mosaic(mosaic: ArrayLike, pattern: str, *, channel: str = CHANNEL.defau
     Every pixel becomes the binomial mean (1 2 1) x (1 2 1) / 16 of its 3 x 3 neighbourhood. Wherever that lies, red has
     the weight 1/4, green 1/2 and blue 1/4, so the mosaic vanishes whatever the channels' gains and the light's colour;
     the kernel is symmetric, so centres stay in place. It widens the blur (0.7 px become 1.0) and correlates the noise
-    of neighbours. One channel is the same mean over its own pixels, which is bilinear interpolation.
+    of neighbours. One channel is bilinear interpolation between its own pixels, which stay as they are: `detect` knows
+    such a picture and fits those alone (`detection.measured`).
 
     Parameters
     ----------
@@ -79,7 +80,9 @@ def from_mosaic(mosaic: ArrayLike, pattern: str, *, channel: str = CHANNEL.defau
         mine[divmod(k, 2)] = letter == channel[0].upper()
     height, width = values.shape
     here = np.tile(mine, (height // 2 + 1, width // 2 + 1))[:height, :width]
-    return _binomial(np.where(here > 0, values, 0)) * (4.0 / mine.sum())
+    mean = _binomial(np.where(here > 0, values, 0)) * 4.0
+    # Green has two of four pixels: elsewhere the kernel sees four of them, half a weight; there it would smooth.
+    return np.where(here > 0, values, mean / mine.sum())
 
 
 def check_channel(channel: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from windmark import io
 from windmark.errors import UsageError
 from windmark.geometry import Camera
+from windmark.io.cameras.plausible import focal_doubt
 from windmark.pipeline.convert_units import scale_to
 
 Record = dict[str, Any]
@@ -72,6 +73,7 @@ def convert_camera(source: Path, target: Path, options: CameraOptions) -> Record
         "size_px": camera.size_px, "focal_px": camera.focal_px, "pose": pose is not None, "length_unit": unit,
         "scale": factor, "notes": [n for n in (content.note, *_lost(content, kind, options.no_pose)) if n],
         "distance": None if pose is None else float(np.linalg.norm(pose.translation)),
+        "doubtful": focal_doubt(camera),
         "read_back_largest_px": largest_difference_px(camera, again.camera),
     }  # fmt: skip
 

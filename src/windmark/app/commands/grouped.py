@@ -9,7 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
-from windmark.app.commands.usage import MissingParameter, all_that_lacks, usage_pieces, worded
+from windmark.app.commands.usage import MissingParameter, all_that_lacks, refuse_again, usage_pieces, worded
 from windmark.options import Option
 
 INPUT = "Input"
@@ -86,13 +86,15 @@ class Grouped(TyperCommand):
         return usage_pieces(self.get_params(ctx), ctx, self.options_metavar)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As every command's; what lacks is said all at once, not one thing a call."""
+        """As every command's; what lacks is said all at once, not one thing a call; what is given again is refused."""
         words = list(args)
         try:
-            return super().parse_args(ctx, args)
+            rest = super().parse_args(ctx, args)
         except MissingParameter as error:
             given, _, _ = self.make_parser(ctx).parse_args(args=words)
             raise all_that_lacks(error, self.get_params(ctx), ctx, given) from error
+        refuse_again(self.make_parser(ctx).parse_args(args=words)[2], ctx)
+        return rest
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments, the panels in the order of their first options, output; what has no panel is in "Options"."""

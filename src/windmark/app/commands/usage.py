@@ -59,6 +59,20 @@ def usage_pieces(params: Iterable[Any], ctx: Any, options: str | None) -> list[s
     return [*arguments, *required, *([options] if options else [])]
 
 
+def refuse_again(order: Sequence[Any], ctx: Any) -> None:
+    """Raise for an option that is given more than once and takes one value: which of them is meant nobody knows.
+
+    ``order`` has the parameters as they came. A flag that has no opposite says the same however often it is there.
+    """
+    for param in dict.fromkeys(order):
+        plain = param.param_type_name != "option" or param.multiple or param.count
+        if plain or (param.is_flag and not param.secondary_opts):
+            continue
+        if (times := order.count(param)) > 1:
+            names = " / ".join([*param.opts, *param.secondary_opts])
+            raise UsageError(f"{names} is given {times} times; expected it once, with one value.", ctx)
+
+
 def all_that_lacks(error: MissingParameter, params: Sequence[Any], ctx: Any, given: dict[str, Any]) -> UsageError:
     """The error of a call that lacks something, naming all that it lacks; the same where it is one thing.
 

@@ -100,10 +100,10 @@ def fit_all(
     numbers = 4 * (2 * half[order] + 1) ** 2 if images else np.zeros(len(half), np.int64)
     flat, gone = np.zeros(numbers.sum()), np.full(len(half), -1) if gone is None else gone
     cut_and_fit(
-        *scene.pixels(), done.pixel, half, order, starts, reach, others.xy, others.radius, others.margin, others.index,
-        gone, done.states, *known, share, done.table, done.params, done.cov, flat,
+        *scene.measured(), done.pixel, half, order, starts, reach, others.xy, others.radius, others.margin,
+        others.index, gone, done.states, *known, share, done.table, done.params, done.cov, flat,
     )  # fmt: skip
-    done.usable[:], done.saturated[:] = share.T
+    done.usable[:], done.saturated[:] = _of_measured(scene, request, done.pixel, start, share[:, 0]), share[:, 1]
     done.states[:, :2] -= start
     weighted, batches, first = np.isfinite(request.scale), [], 0
     for size in np.unique(half) if images else ():
@@ -196,11 +196,19 @@ def windows(scene: Scene, request: Request, others: Neighbours, half: int) -> tu
     patches, weights = np.empty((len(start), size, size)), np.empty((len(start), size, size))
     share = np.empty((len(start), 2))
     cut_windows(
-        *scene.pixels(), done.pixel, start, request.radius, request.blur, request.reach(), others.xy, others.radius,
+        *scene.measured(), done.pixel, start, request.radius, request.blur, request.reach(), others.xy, others.radius,
         others.margin, others.index, patches, weights, share,
     )  # fmt: skip
-    done.usable[:], done.saturated[:] = share.T
+    done.usable[:], done.saturated[:] = _of_measured(scene, request, done.pixel, start, share[:, 0]), share[:, 1]
     return done, start, patches, weights
+
+
+def _of_measured(scene: Scene, request: Request, pixel: Ints, start: Array, share: Array) -> Array:
+    """Shares (K,) of the discs' pixels that could be used, of those that were measured: no others can be missing."""
+    if scene.lattice is None:
+        return share
+    measured, every = scene.lattice.within(pixel, start, request.radius + request.blur)
+    return np.where(measured > 0, np.rint(share * every) / np.maximum(measured, 1), share)
 
 
 def cut_patches(scene: Scene, pixel: Ints, half: int) -> tuple[Array, Array]:
@@ -211,7 +219,7 @@ def cut_patches(scene: Scene, pixel: Ints, half: int) -> tuple[Array, Array]:
     none, far = np.zeros(len(pixel)), np.full(len(pixel), np.inf)
     nobody, nowhere = np.zeros((len(pixel), 0), np.int64), np.zeros((0, 2))
     cut_windows(
-        *scene.pixels(), pixel, np.zeros((len(pixel), 2)), none, none, far, nowhere, none[:0], none[:0], nobody,
+        *scene.measured(), pixel, np.zeros((len(pixel), 2)), none, none, far, nowhere, none[:0], none[:0], nobody,
         patches, weights, np.empty((len(pixel), 2)),
     )  # fmt: skip
     return patches, weights

@@ -181,6 +181,7 @@ def _learn_noise(scene: Scene, done: Fitted, batches: list[Batch], clean: Bools)
         return replace(noise, odd=odd_ratio(images, params[:, :2], variance))
     pixel = np.concatenate([f.pixel for f in fitted])
     pixel[[0, typical]] = pixel[[typical, 0]]
-    if in_blocks(images[:, 2], images[:, 3] != 0, pixel):
+    # Compression in blocks is seen between neighbours; a mosaic's lattice has none, and is a sensor's own.
+    if scene.lattice is None and in_blocks(images[:, 2], images[:, 3] != 0, pixel):
         noise = replace(noise, odd=odd_ratio(images, params[:, :2], variance, smooth=True))
     return noise

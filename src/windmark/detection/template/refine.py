@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.image import check_image, check_mask, check_polarity
+from windmark.detection.measured import lattice_of
 from windmark.detection.template.disc_model import check_photometry
 from windmark.detection.template.doubt import Doubts
 from windmark.detection.template.frame import fit_at_first, fit_markers
@@ -104,7 +105,8 @@ def make_scene(
         saturation = float(np.iinfo(grey.dtype.name).max) if grey.dtype.kind in "iu" else np.inf
     if not saturation > -np.inf:
         raise UsageError(f"saturation must be a grey level or None, got {saturation!r}")
-    return Scene(grey, check_mask(mask, grey.shape), sign, float(saturation), multiplicative)
+    usable = check_mask(mask, grey.shape)
+    return Scene(grey, usable, sign, float(saturation), multiplicative, lattice_of(grey))
 
 
 def check_places(xy: ArrayLike, radius_px: ArrayLike) -> tuple[Array, Array]:

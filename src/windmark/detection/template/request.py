@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.detection.measured import Lattice
 from windmark.detection.pairs import close_pairs
 from windmark.detection.template.crlb import window_radius
 
@@ -31,6 +32,7 @@ class Scene:
     sign : 1 for dark markers, -1 for bright ones
     saturation : grey level from which on a pixel says nothing
     multiplicative : True where paint multiplies the light
+    lattice : the pixels that were measured, where the others are interpolated from them; None: all were
     """
 
     image: NDArray[np.generic]
@@ -38,10 +40,22 @@ class Scene:
     sign: float
     saturation: float
     multiplicative: bool
+    lattice: Lattice | None = None
 
     def pixels(self) -> tuple[Any, Flags, float, float]:
         """What the kernels want to know of the image: `Pixels`, the mask, sign and saturation."""
         return self._pixels, NO_MASK if self.usable is None else self.usable, self.sign, self.saturation
+
+    def measured(self) -> tuple[Any, Flags, float, float]:
+        """`pixels` without those that are interpolated from others."""
+        image, usable, *levels = self.pixels()
+        return image, self._measured if self.lattice is not None else usable, *levels
+
+    @cached_property
+    def _measured(self) -> Flags:
+        assert self.lattice is not None
+        own = self.lattice.pixels()
+        return own if self.usable is None else own & self.usable
 
     @cached_property
     def _pixels(self) -> Any:

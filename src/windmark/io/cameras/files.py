@@ -20,6 +20,7 @@ from windmark.io.cameras.nasa import parse_nasa
 from windmark.io.cameras.opencv import has_camera_matrix, parse_opencv, write_opencv
 from windmark.io.cameras.opencv_text import parse_xml, parse_yaml, xml_content
 from windmark.io.cameras.own import own_content, parse_own
+from windmark.io.cameras.plausible import with_doubts
 from windmark.io.cameras.record import FREE, LENGTH_UNITS, CameraFile
 from windmark.io.errors import FileError
 from windmark.io.text import Pathlike, parse_json, read_text, write_json
@@ -89,7 +90,14 @@ def read_camera(
 
 
 def read_camera_file(path: Pathlike, *, size_px: tuple[int, int] | None = None, which: str | None = None) -> CameraFile:
-    """As `read_camera`, with the file's format and length unit and what had to be done to read it."""
+    """As `read_camera`, with the file's format and length unit, what had to be done to read it, and what is doubtful of
+    its numbers (`plausible`).
+    """
+    return with_doubts(_read(path, size_px, which))
+
+
+def _read(path: Pathlike, size_px: tuple[int, int] | None, which: str | None) -> CameraFile:
+    """A camera file of any format."""
     if Path(path).is_dir():
         if not (Path(path) / colmap.CAMERAS).is_file():
             what = f"a folder without {colmap.CAMERAS}; expected a camera file or COLMAP's model as text"

@@ -134,7 +134,9 @@ def _size(path: Pathlike, content: dict[str, Any]) -> tuple[int, int] | None:
         return size
     own = record.image_size(path, "image_width", [content["image_width"], content["image_height"]])
     if key is not None and size != own:
-        raise record.key_error(path, key, f"{size} beside image_width and image_height of {own}; expected the same")
+        turned = ": height before width; expected (width, height), as they have it" if size == own[::-1] else ""
+        what = f"{size} beside image_width and image_height of {own}{turned or '; expected the same'}"
+        raise record.key_error(path, key, what)
     return own
 
 

@@ -37,7 +37,7 @@ class CameraFile:
     cam_from_model : the pose, None where the file has none
     length_unit : of the pose, None where the file does not say
     format : one of `CAMERA_FORMATS`
-    note : what had to be done to read it, empty where nothing had to be
+    note : what had to be done to read it, and what is doubtful of its numbers; empty where there is nothing to say
     pose_cov : (6, 6) covariance of the pose, of ``delta`` in ``exp(delta) @ cam_from_model``; None where the file
         has none
     """

@@ -97,7 +97,8 @@ class Files:
         self.cameras[str(entry.get("name", "camera"))] = content
         width, height = content.camera.size_px
         focal = f"focal length {content.camera.focal_px:.0f} px"
-        self.out.read.append(f"camera {entry.get('name', 'camera')}: {width} x {height} px, {focal}")
+        noted = f"; {content.note}" if content.note else ""
+        self.out.read.append(f"camera {entry.get('name', 'camera')}: {width} x {height} px, {focal}{noted}")
         self._unit(f"camera[{n}].file", content.length_unit if content.cam_from_model is not None else "")
         if content.cam_from_model is None and (self.out.kind != "run" or entry.get("pose") == "known"):
             words = f"{entry.get('file')} has no pose; expected {WHERE_IT_STANDS}"

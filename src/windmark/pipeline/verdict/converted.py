@@ -25,6 +25,8 @@ def converted_verdict(record: Record) -> Verdict:
     kind = record["kind"]
     found = [Finding(DOUBTFUL, "format", said, _KEEP[kind]) for said in _harm(record)]
     found += _size(record)
+    if record.get("doubtful"):
+        found.append(Finding(DOUBTFUL, "units", record["doubtful"], "see in which unit the source has its matrix"))
     return Verdict.of(found, 1, f"read back, it holds the same {kind}", "use it in place of the source")
 
 

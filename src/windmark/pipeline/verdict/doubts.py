@@ -9,8 +9,12 @@ STEPS = {
     "units": "correct the unit of places or radii in the table of markers",
     "swapped": "correct the names in the table of marks (or take the exchange as found), or the labels; label a marker "
     "in more pictures",
+    "mirrored": "correct the table's axes (a sign, or two that are exchanged) or its normals, or take the pictures as "
+    "the camera stores them",
     "marker": "measure it again, or leave it out",
     "picture": "see that this picture is of this camera and moment, its focus and its labels; else leave it out",
+    "mixed": "give each camera its own pictures (--images-of NAME=PATTERN, or the column camera of a table of matches)"
+    "; of one camera: lock focus and zoom, do not cut pictures",
     "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",
     "principal": "free the principal points (calibrate --free-principal PICTURE, or all with --prior-sigma "
     "principal=10); switch the stabiliser off, do not cut pictures",

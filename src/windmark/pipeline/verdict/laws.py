@@ -12,7 +12,10 @@ from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 
 def laws_verdict(remarks: Mapping[str, Sequence[str]], points: int) -> Verdict:
     """Judge laws of a user's file by the remarks of `check_law` on each, by name."""
-    step = "see the remark: a parameter that moves nothing cannot be measured, points must rest at the start values"
+    step = (
+        "see the remark: a parameter that moves nothing cannot be measured, points must rest at the start values, a "
+        "kink is best far from them"
+    )
     found = [Finding(DOUBTFUL, "weak", text, step) for every in remarks.values() for text in every]
     what = "the law is" if len(remarks) == 1 else f"all {len(remarks)} laws are"
     return Verdict.of(

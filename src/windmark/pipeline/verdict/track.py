@@ -19,8 +19,10 @@ from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene.repeated import is_repeated
 
 
-def track_verdict(rows: Sequence[PoseRow], unit: str, first: PictureState | None = None) -> Verdict:
-    """Judge a followed sequence; ``first``: state of its first picture, where none gave a pose."""
+def track_verdict(
+    rows: Sequence[PoseRow], unit: str, first: PictureState | None = None, names: Sequence[str] = ()
+) -> Verdict:
+    """Judge a followed sequence; ``first``: state of its first picture, where none gave a pose. Markers' ``names``."""
     good = [r for r in rows if r.cam_from_model is not None]
     if not good:
         reason = f"no image gave a pose; the first: {rows[0].reason if rows else 'there are no images'}"
@@ -28,7 +30,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str, first: PictureState | None
             return Verdict.of([replace(f, word=BAD, reason=f"{reason}; {f.reason}") for f in seen], 1, "", "")
         return bad_series("no match", reason, "run windmark register on one image first")
     found = lost_findings([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
-    found += [*_misfit(good, unit), *_bent(good)]
+    found += [*_misfit(good, unit), *_bent(good), *_off(good, names)]
     found += series_blur(("", r.blur_px, r.radius_px) for r in good)
     found += series_fields(("", r.fields_px) for r in good)
     found += [*_few(good), *_missing(good), *_copies(rows)]
@@ -78,6 +80,31 @@ def _bent(good: Sequence[PoseRow]) -> list[Finding]:
             "one", "measure the deformation (windmark deform)",
         )
     ]  # fmt: skip
+
+
+def _off(good: Sequence[PoseRow], names: Sequence[str]) -> list[Finding]:
+    """Few markers that the others contradict wherever they are seen: one of many, the rest of which agrees.
+
+    The pose's sigma holds what a deformation would change that looks like it, which is many times the others' noise.
+    """
+    seen: dict[int, list[tuple[float, float]]] = {}
+    for row in good:
+        noise = max(float(np.hypot(row.excess_px, row.spot_px)), np.finfo(float).tiny)
+        for marker, far in zip(row.matches[0].tolist(), np.hypot(*row.matches[1][:, 2:].T).tolist(), strict=True):
+            seen.setdefault(marker, []).append((far, far / noise))
+    usual = {marker: np.median(np.array(all_), axis=0) for marker, all_ in seen.items()}
+    off = sorted((m for m, (far, times) in usual.items() if far > rules.PLACE_PX and times > rules.GROSS),
+                 key=lambda m: -usual[m][0])  # fmt: skip
+    if not off or len(off) > max(1.0, rules.LEFT_OUT * len(seen)):
+        return []
+    name = names[off[0]] if len(names) else f"marker {off[0]}"
+    rest = float(np.median([far for m, (far, _) in usual.items() if m not in off]))
+    more = f" (and {len(off) - 1} more)" if len(off) > 1 else ""
+    said = (
+        f"{name} is {g2(usual[off[0]][0])} px from where the others have it, in most of {len(seen[off[0]])} images"
+        f"{more}; theirs are {g2(rest)} px off. Sigmas hold a bend of the model that would do so"
+    )
+    return [Finding(DOUBTFUL, "marker", said, "measure it again, or leave it out of the table")]
 
 
 def _copies(rows: Sequence[PoseRow]) -> list[Finding]:

@@ -12,6 +12,7 @@ from windmark.calibration.datum import Datum
 from windmark.calibration.lens_choice import LensTried
 from windmark.calibration.quality import SplitHalf, split_half
 from windmark.calibration.setup import Job, bars_of
+from windmark.calibration.sides import side_unseen
 from windmark.errors import UsageError, WindmarkError
 from windmark.options.calibration import ECCENTRICITY, MAX_SIGMA0, REJECT, RIG, SOLVER
 from windmark.options.registration import SEED
@@ -58,12 +59,14 @@ class Calibrated:
     marks : what it started from
     halves : every second picture against the others, or why that could not be done
     lenses : the lens models that were compared, the best first; empty where there was no question
+    unchecked : what the marks cannot tell, though the result rests on it, as a sentence; "" for nothing
     """
 
     result: Calibration
     marks: Marks
     halves: SplitHalf | NotCalibrated
     lenses: tuple[LensTried, ...] = ()
+    unchecked: str = ""
 
 
 def check_asked(markers: MarkerSet, settings: CalibrateSettings) -> None:
@@ -93,7 +96,7 @@ def calibrate_marks(
         return explained(result, marks)
     with stage("halves of the pictures"):
         halves = _halves(result, settings.seed)
-    return Calibrated(result, marks, halves, lenses)
+    return Calibrated(result, marks, halves, lenses, side_unseen(marks.markers, result))
 
 
 def explained(refusal: NotCalibrated, marks: Marks) -> NotCalibrated:

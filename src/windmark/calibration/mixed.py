@@ -1,0 +1,130 @@
+"""Pictures of two cameras under one name: two groups, each with a focal length and principal point of its own.
+
+No single picture is foreign then, and marks of either group are left out as if they were wrong. To first order every
+group has what its pictures' marks ask for together (`changed_views`), and the division that explains most of the
+residuals is looked for. It counts only where the network with two cameras agrees in itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.calibration.changed_views import ANEW, equations_of
+from windmark.calibration.result import Calibration, NotCalibrated
+from windmark.calibration.setup import Job
+from windmark.calibration.solve import Solved
+from windmark.errors import plus_minus
+from windmark.scene import Doubt
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LEAST_VIEWS = 2
+"""Pictures of each camera: a single one is `foreign`."""
+DIFFER, REFOCUSED = 6.0, 3.0
+"""Their focal lengths or principal points differ by so many sigmas, and by so many times what a camera's do that
+focuses anew (`ANEW`): pictures of such a one fall into two groups by chance."""
+NAMED = 8
+"""Pictures that are named at most."""
+OTHER = "another camera"
+CONSEQUENCES = ("focal", "principal", "picture", "marker", "focus")
+"""Causes of doubts that two cameras under one name bring about."""
+ASKING = ("focal", "principal", "picture")
+"""Those of pictures that contradict the others of their camera."""
+
+
+def two_cameras(job: Job, solved: Solved, again: Callable[[Job], Calibration | NotCalibrated]) -> Doubt | None:
+    """What is said of pictures that are of two cameras; None where they are not, or it cannot be told.
+
+    Parameters
+    ----------
+    job, solved : with one camera for all pictures
+    again : calibrates a job from the beginning
+    """
+    if len(job.cameras) > 1 or job.rig or job.free_focal or job.free_principal or len(job.views) < 2 * LEAST_VIEWS:
+        return None
+    views, second = _division(solved)
+    if min(second.sum(), (~second).sum()) < LEAST_VIEWS:
+        return None
+    ((name, camera),) = job.cameras.items()
+    other = {v for v, mine in zip(views.tolist(), second.tolist(), strict=True) if mine}
+    parted = replace(
+        job, cameras={name: camera, OTHER: camera},
+        views=tuple(replace(view, camera=OTHER if v in other else name) for v, view in enumerate(job.views)),
+    )  # fmt: skip
+    found = again(parted)
+    if not isinstance(found, Calibration) or len(found.cameras) < 2:
+        return None
+    if any(d.cause in ASKING for d in found.doubts):
+        return None  # of a lens that focuses by itself pictures ask for a focal length of their own still
+    if not _differ(found, name):
+        return None
+    fewer, more = sorted((OTHER, name), key=lambda n: sum(v.camera == n for v in found.views))
+    names = tuple(v.name for v in found.views if v.camera == fewer)
+    listed = ", ".join(["{}"] * min(len(names), NAMED)) + (f" and {len(names) - NAMED} more" * (len(names) > NAMED))
+    words = (
+        f"{listed} look like pictures of another camera than the other {len(found.views) - len(names)}: "
+        f"{_interior(found, fewer)}, against {_interior(found, more)}; with a camera for each all agree"
+    )
+    return Doubt(names[:NAMED], words, "mixed")
+
+
+def with_mixed(result: Calibration | NotCalibrated, doubt: Doubt) -> Calibration | NotCalibrated:
+    """The outcome with one camera, with its reason in place of what follows from it."""
+    if isinstance(result, NotCalibrated):
+        return replace(result, reason=str(doubt))
+    rest = tuple(d for d in result.doubts if d.cause not in CONSEQUENCES)
+    names = dict.fromkeys(name for said in (doubt, *rest) for name in said.names)
+    return replace(result, doubts=(doubt, *rest), suspect=tuple(names))
+
+
+def _differ(found: Calibration, name: str) -> bool:
+    """Whether focal lengths or principal points differ surely, and by more than one camera's that focuses anew."""
+    one, other = found.cameras[name], found.cameras[OTHER]
+    for p in ("focal_px", "cx", "cy"):
+        least = max(DIFFER * np.hypot(found.sigma(OTHER, p), found.sigma(name, p)), REFOCUSED * ANEW * one.focal_px)
+        if found.sigma(name, p) and abs(getattr(other, p) - getattr(one, p)) > least:
+            return True
+    return False
+
+
+def _interior(found: Calibration, name: str) -> str:
+    camera = found.cameras[name]
+    focal, x, y = (plus_minus(getattr(camera, p), found.sigma(name, p)) for p in ("focal_px", "cx", "cy"))
+    return f"focal length {focal} px, principal point {x}, {y} px"
+
+
+def _division(solved: Solved) -> tuple[NDArray[np.int64], Mask]:
+    """Views (V,), and which of them (V,) are of a second camera, so that most of the residuals is explained."""
+    equations = equations_of(solved)
+    count = len(equations.views)
+    every, score = equations.every, equations.score
+
+    def explained(second: Mask) -> float:
+        own = every[second][:, :, second].sum(axis=(0, 2))
+        pull = score[second].sum(axis=0)
+        return float(pull @ np.linalg.pinv(own, hermitian=True) @ pull)
+
+    best, most = np.zeros(count, dtype=bool), 0.0
+    for start in _starts(every, score):
+        second, now = start, explained(start)
+        for _ in range(count):  # one view at a time changes sides, as long as that explains more
+            tried = [explained(second ^ (np.arange(count) == n)) for n in range(count)]
+            n = int(np.argmax(tried))
+            if not tried[n] > now:
+                break
+            second, now = second ^ (np.arange(count) == n), tried[n]
+        if now > most:
+            best, most = second, now
+    return equations.views, best
+
+
+def _starts(every: Array, score: Array) -> list[Mask]:
+    """Divisions of the views along what each asks for alone: of its focal length, and of its principal point."""
+    blocks = every[np.arange(len(score)), :, np.arange(len(score))]
+    asked = np.einsum("vkl,vl->vk", np.linalg.pinv(blocks, hermitian=True), score)
+    return [column > cut for column in asked.T for cut in np.unique(np.quantile(column, (0.25, 0.5, 0.75)))]
