@@ -102,6 +102,8 @@ def _taken(test: PspTest, camera: str, name: str, file: io.PictureFile) -> Taken
     most = test.project.radiometry.max_saturated
     try:
         image = read(file, test.deforming.test.station(camera))
+        if (dark := test.sensors[camera].dark) is not None:
+            dark.check(np.asarray(image), "this picture")
         done = correct_picture(image, test.sensors[camera].model, most_saturated=most)
     except WindmarkError as error:
         return Taken(name, None, why=str(error))

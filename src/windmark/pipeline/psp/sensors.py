@@ -15,6 +15,7 @@ from windmark.errors import DataError
 from windmark.paint import Linearity, NotFitted, SensorModel, mean_dark, mean_flat, photon_transfer
 from windmark.pipeline.deform.frames import files_of
 from windmark.pipeline.deform.pictures import read
+from windmark.pipeline.psp.bits import Bits, DarkLevel
 from windmark.pipeline.psp.entries import CAMERA
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.table import PointRow
@@ -39,6 +40,7 @@ class CameraSensor:
     remarks : what is to be said
     black_given : whether anything says the level without light
     contents : of its dark and flat pictures, see `same_picture.content_of` -> their names in words
+    dark : how the levels of its dark pictures are stored; None without
     """
 
     model: SensorModel
@@ -46,6 +48,7 @@ class CameraSensor:
     remarks: tuple[str, ...] = ()
     black_given: bool = True
     contents: Mapping[bytes, str] = field(default_factory=dict)
+    dark: DarkLevel | None = None
 
 
 def pictures_named(project: PspProject, pattern: str, camera: str) -> list[io.PictureFile]:
@@ -68,7 +71,7 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
     how = project.radiometry
     remarks: list[str] = []
     contents: dict[bytes, str] = {}
-    dark, dark_variance, dead = _dark(project, name, station, remarks, contents)
+    (dark, dark_variance, dead), stored = _dark(project, name, station, remarks, contents)
     saturation = np.inf if how.saturation is None else how.saturation
     if how.flat is None:
         remarks.append(f"camera {name}: no flat pictures are given: unequal pixels are not corrected, nor in any sigma")
@@ -85,7 +88,9 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
             raise io.FileError(project.path, f"camera {name}: {error}", "radiometry.flat") from None
         bad = bad if dead is None else bad | dead
         sensor = replace(sensor, flat=flat, flat_variance=flat_variance, dead=bad)
-    return CameraSensor(sensor, source, tuple(remarks), how.dark is not None or how.black is not None, contents)
+    return CameraSensor(
+        sensor, source, tuple(remarks), how.dark is not None or how.black is not None, contents, stored
+    )  # fmt: skip
 
 
 def named_file(project: PspProject, key: str, camera: str) -> Path:
@@ -112,15 +117,17 @@ def read_linearity(path: Path) -> Linearity:
 
 def _dark(
     project: PspProject, name: str, station: Station, remarks: list[str], contents: dict[bytes, str]
-) -> tuple[Array | float, Array | float, NDArray[np.bool_] | None]:
-    """Level without light, its variance, dead and hot pixels."""
+) -> tuple[tuple[Array | float, Array | float, NDArray[np.bool_] | None], DarkLevel | None]:
+    """Level without light, its variance, dead and hot pixels; and how its pictures are stored."""
     how = project.radiometry
     if how.dark is not None:
-        return mean_dark(_read_all(project, "dark", name, station, remarks, contents))
+        frames = _read_all(project, "dark", name, station, remarks, contents)
+        found = mean_dark(frames)
+        return found, DarkLevel(found[0], Bits.of(frames))
     if how.black is None:
         remarks.append(f"camera {name}: neither dark pictures nor radiometry.black are given: the level without light "
                        "is taken as 0")  # fmt: skip
-    return how.black or 0.0, 0.0, None
+    return (how.black or 0.0, 0.0, None), None
 
 
 def _gain(
