@@ -41,6 +41,7 @@ class PhotonTransfer:
     levels, variances : (B,) level less dark and variance of each group of pixels
     flicker : (F,) the light of each frame relative to the mean
     misfit : root of the groups' mean squared misfit in sigmas; above 2 the noise is not that of photons alone
+    intercept : the read variance as it comes out of the fit, which may be less than that of rounding, or than none
     """
 
     gain: float
@@ -50,6 +51,7 @@ class PhotonTransfer:
     variances: Array
     flicker: Array
     misfit: float
+    intercept: float = float("nan")
 
     def __bool__(self) -> bool:
         return True
@@ -183,4 +185,4 @@ def _fitted(levels: Array, variances: Array, number: Array, light: Array, least:
             f"({levels.min():.4g} to {levels.max():.4g}): gain {g3(gain)} +- {g3(unsure)}",
             {"gain": gain, "sigma": unsure},
         )
-    return PhotonTransfer(gain, max(read, least), np.asarray(cov), levels, variances, light, misfit)
+    return PhotonTransfer(gain, max(read, least), np.asarray(cov), levels, variances, light, misfit, read)

@@ -61,10 +61,12 @@ class DarkLevel:
     ----------
     level : (H, W) their mean
     bits : of theirs
+    noise : variance of a pixel of one of them from picture to picture; NaN where there is one alone
     """
 
     level: Array
     bits: Bits
+    noise: float = float("nan")
 
     def check(self, picture: Image, of: str) -> None:
         """See that a picture is stored as they are.

@@ -26,7 +26,7 @@ from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
 from windmark.tasks.psp.loads import seen_loads
 from windmark.tasks.psp.patching import patched
-from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream
+from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, unchecked_level
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
 
@@ -154,6 +154,8 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
         raise DataError(impossible)
     if taps is not None and task.taps is not None:
         taps = in_cp(taps, task.taps, task.conditions, cp, filled, rest)
+    if taps is None or not taps.counting.any():
+        remarks.append(unchecked_level(task.law, ratio, temperature, task.p_off, task.t_off, task.conditions))
     axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
     taps_at = None if task.taps is None else task.taps.xyz
     sections = cut_sections(rest, cp, task.sections, axes, taps_at, remarks)
