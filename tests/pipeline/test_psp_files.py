@@ -315,3 +315,27 @@ def test_a_gain_is_a_kind_of_calibration(tmp_path):
     ):
         with pytest.raises(FileError, match=words):
             read(**other)
+
+
+@pytest.mark.parametrize("name", ["beta", "beta_rad", "mach_number", "T0", "sigma_p_inf"])
+def test_a_quantity_of_the_points_without_its_unit_is_named(tmp_path, name):
+    """Its cells would not count: the sideslip would be 0, whatever they say."""
+    with pytest.raises(FileError, match=rf"unknown column '{name.lower()}'; expected {name[:4].rstrip('_')}"):
+        read_points_table(written(tmp_path, "t.csv", f"{HEAD},{name}", f"{ROW},5"))
+
+
+@pytest.mark.parametrize("name", ["operator", "theta_deg", "alpha_encoder", "time", "T0_K", "beta_deg"])
+def test_columns_of_ones_own_are_left(tmp_path, name):
+    assert len(read_points_table(written(tmp_path, "t.csv", f"{HEAD},{name}", f"{ROW},5"))) == 1
+
+
+def test_places_of_sensors_have_no_unknown_column(tmp_path):
+    """A normal that is called otherwise than expected would not count, and a tap would land on the other side."""
+    lines = "# length unit: mm", "name,x,y,z,normal_x,normal_y,normal_z", "A,1,2,3,0,0,1"
+    lengths = Lengths("mm")
+    with pytest.raises(FileError, match="unknown column 'normal_x'; the columns are name,x,y,z,nx,ny,nz"):
+        lengths.points(written(tmp_path, "p.csv", *lines), strict=True)
+    assert len(lengths.points(written(tmp_path, "p.csv", *lines))) == 1  # of a list of places that are wanted
+    head = "name,x [mm],y [mm],z [mm],nx,ny,nz,radius [mm],volume,role,sigma_x,run,time,note"
+    own = written(tmp_path, "q.csv", head, "A,1,2,3,0,0,1,0.2,wing,tap,0.1,7,12:30,new")
+    assert lengths.points(own, strict=True).normal.tolist() == [[0, 0, 1]]
