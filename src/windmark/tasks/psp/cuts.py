@@ -12,6 +12,7 @@ from windmark import resection
 from windmark.errors import DataError
 from windmark.paint import LoadReference, NodeField, SectionProfile, SpanLoading, section_profile, span_loading
 from windmark.scene import Mesh
+from windmark.scene.doubled import part_of
 
 Array = NDArray[np.float64]
 
@@ -84,8 +85,7 @@ def surface_of(rest: Mesh, volume: str | None) -> Mesh:
     """What a section cuts: all of the grid, or the volume of this name alone."""
     if volume is None:
         return rest
-    own = rest.volume == volume
-    return Mesh(rest.vertices, rest.triangles[own], rest.volume[own], length_unit=rest.length_unit)
+    return part_of(rest, rest.volume == volume)
 
 
 def section_loads(
