@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from windmark.paint import photon_transfer
-from windmark.pipeline.psp.response import odd_response
+from windmark.paint import SensorModel, photon_transfer
+from windmark.pipeline.psp.response import QUIET, odd_response, soft_words
+from windmark.pipeline.psp.taken import Taken
 from windmark.pipeline.verdict.paint import response_findings
 
 GAIN, READ, BLACK, FULL = 0.54, 3.0, 230.0, 16383.0
@@ -67,3 +68,23 @@ def test_one_dark_picture_and_an_even_scene_say_nothing():
     even = np.rint(BLACK + GAIN * rng.poisson(np.linspace(9000.0, 10_000.0, 300) * np.ones((4, 160, 300))))
     found = photon_transfer(even.astype(np.uint16), dark=BLACK)
     assert not found or odd_response(found, NOISE) is None
+
+
+def taken(limit, seed, saturation=np.inf):
+    rng = np.random.default_rng(seed)
+    level = BLACK + GAIN * rng.poisson(np.tile(np.linspace(300.0, 12_000.0, 300), (160, 1)))
+    image = np.rint(np.minimum(level, limit + rng.normal(0, 15, level.shape))).astype(np.uint16)
+    light = np.where(image < saturation, image - BLACK, np.nan)
+    return Taken(f"{seed}.tif", image, light=light)
+
+
+def test_levels_that_are_limited_below_the_saturation_are_said_of_a_kind_of_pictures():
+    sensor = SensorModel(dark=BLACK, saturation=FULL, gain=GAIN, read_variance=NOISE)
+    bad = Taken("bad.tif", None, why="damaged")
+    said = soft_words("wind-on", "cam1", [taken(6000, 1), taken(6000, 2), bad], sensor)
+    assert said.startswith(f"cam1: {QUIET}from grey level ")
+    assert int(said.split("grey level ")[1].split()[0]) == pytest.approx(5990, abs=80)
+    assert soft_words("wind-on", "cam1", [taken(np.inf, 1), taken(np.inf, 2)], sensor) == ""
+    assert soft_words("wind-on", "cam1", [taken(6000, 1)], sensor) == ""
+    known = SensorModel(dark=BLACK, saturation=5800.0, gain=GAIN, read_variance=NOISE)
+    assert soft_words("wind-on", "cam1", [taken(6000, 1, 5800), taken(6000, 2, 5800)], known) == ""

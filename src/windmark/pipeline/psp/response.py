@@ -7,11 +7,16 @@ the dark pictures' own noise. No tap is asked: it is the pictures themselves tha
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from windmark.paint import PhotonTransfer
+from windmark.errors import g2
+from windmark.paint import PhotonTransfer, SensorModel
+from windmark.paint.photons import soft_limit
+from windmark.pipeline.psp.taken import Taken
+from windmark.scene.levels import clipped_level
 
 SURE = 5.0
 """Sigmas by which the noise at no light must miss that of the dark pictures."""
@@ -19,6 +24,8 @@ MATTERS = 0.01
 """Part of the brightest light that the level without light must be wrong by: less is a few thousandths of a ratio."""
 BENT = 2.0
 """Misfit of the line, in sigmas, from which on it is the response rather than the level without light."""
+QUIET = "its response bends at its brightest pixels: "
+"""Begins, after the camera's name, what is said where bright light has too little noise."""
 
 
 @dataclass(frozen=True)
@@ -57,3 +64,22 @@ def odd_response(found: PhotonTransfer, dark_noise: float) -> OddResponse | None
     if not abs(level) > MATTERS * most:
         return None
     return OddResponse(level, abs(level) / most, found.misfit > BENT)
+
+
+def soft_words(kind: str, camera: str, pictures: Sequence[Taken], sensor: SensorModel) -> str:
+    """What is to be said of a kind's pictures whose brightest pixels are quieter than light is; "" of others.
+
+    A sensor near its full scale, and whatever limits levels softly, makes bright places darker than they are: there the
+    ratio is wrong, and taps that are right contradict it.
+    """
+    good = [p for p in pictures if p.image is not None]
+    if len(good) < 2 or sensor.linearity is not None:
+        return ""
+    limit = min(sensor.saturation, *(clipped_level(np.asarray(p.image)) for p in good))
+    frames = np.stack([np.where(np.isfinite(p.light), np.asarray(p.image, dtype=float), np.nan) for p in good])
+    found = soft_limit(frames, sensor.gain, sensor.read_variance, dark=sensor.dark, limit=limit)
+    if found is None:
+        return ""
+    level = found.level + float(np.median(sensor.dark))
+    return (f"{camera}: {QUIET}from grey level {level:.0f} on {kind} pictures have {g2(100 * found.part)} % of the "
+            "variance that light's noise has")  # fmt: skip

@@ -12,7 +12,7 @@ from windmark.paint.well_tests import DOUBTED
 from windmark.pipeline.likely_unit import model_box
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.psp.incidence import listed
-from windmark.pipeline.psp.response import OddResponse
+from windmark.pipeline.psp.response import QUIET, OddResponse
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
@@ -162,6 +162,10 @@ def _calibrated(r: PointRecord) -> Iterator[Finding]:
 
 def _light(r: PointRecord) -> Iterator[Finding]:
     """What cameras and lamps leave open."""
+    for said in r.remarks:
+        if QUIET in said:
+            step = "expose less, or say radiometry.saturation below that level; taps there that do not fit may be right"
+            yield Finding(DOUBTFUL, "noise", f"{said}: what is as bright is wrong, and no sigma has it", step)
     yield from apart_findings(
         [r.apart], "ratios of", "check dark pictures, exposure and lamps of each camera", "oil or dirt"
     )
