@@ -1,13 +1,14 @@
 """Small files of a paint project that are read alone: linearity, polygons, colours of the table of points."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose
-from windmark.io import FileError
+from windmark.io import FileError, write_nodes_netcdf
 from windmark.paint import TunnelGain
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.psp.calibration import read_calibration
@@ -17,6 +18,7 @@ from windmark.pipeline.psp.outputs import on_pixels
 from windmark.pipeline.psp.sensors import read_linearity
 from windmark.pipeline.psp.stream import constants_of
 from windmark.pipeline.psp.table import read_points_table
+from windmark.pipeline.psp.wall import read_map
 from windmark.pipeline.psp.wtd import read_wtd
 from windmark.resection import map_pixels
 from windmark.scene import Mesh
@@ -339,3 +341,23 @@ def test_places_of_sensors_have_no_unknown_column(tmp_path):
     head = "name,x [mm],y [mm],z [mm],nx,ny,nz,radius [mm],volume,role,sigma_x,run,time,note"
     own = written(tmp_path, "q.csv", head, "A,1,2,3,0,0,1,0.2,wing,tap,0.1,7,12:30,new")
     assert lengths.points(own, strict=True).normal.tolist() == [[0, 0, 1]]
+
+
+@pytest.mark.parametrize(("value", "sigma", "words"), [
+    (0.0, 0.3, "temperature: 1 of its 4 nodes are not above 50 K; expected NaN where it is not known"),
+    (-9999.0, 0.3, "are not above 50 K"),
+    (295.0, np.nan, "sigma_temperature: 1 nodes with a temperature have no sigma"),
+])  # fmt: skip
+def test_a_map_of_the_wall_whose_holes_are_numbers_is_refused(tmp_path, value, sigma, words):
+    """A hole that counts as 0 K, and a sigma that is not known and counts as 0, are no measurement."""
+    mesh = Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], "wing")
+
+    def read(*of):
+        fields = dict(zip(("temperature", "sigma_temperature"), map(np.array, of), strict=True))
+        write_nodes_netcdf(tmp_path / "T.nc", mesh, fields, units=dict.fromkeys(fields, "K"), history={})
+        return read_map(tmp_path / "T.nc", SimpleNamespace(mesh=mesh), 0.2)
+
+    with pytest.raises(FileError, match=words):
+        read([295.0, 296.0, 297.0, value], [0.3, 0.3, 0.3, sigma])
+    found = read([295.0, 296.0, 297.0, np.nan], [0.3, 0.3, 0.3, np.nan])
+    assert found.known.tolist() == [True, True, True, False]

@@ -19,7 +19,7 @@ from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Mesh
-from windmark.tasks.psp.plausible import EXTRAPOLATED
+from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING
 
 
 def psp_verdict(
@@ -86,6 +86,8 @@ def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
     if refused:
         step = "see the reason: correct grid or project, or take the loads out of the project"
         yield Finding(DOUBTFUL, "lost", refused.replace("integrate_loads: ", ""), step)
+    for said in (said for said in r.remarks if said.startswith(LACKING)):
+        yield Finding(DOUBTFUL, "covered", said, "see the temperature's maps, thermocouples or paint there")
     shown = r.shown.get("all", 1.0)
     if r.seen < rules.COVERED * shown:
         yield Finding(

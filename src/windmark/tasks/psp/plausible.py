@@ -30,6 +30,10 @@ BEYOND = 0.1
 EXTRAPOLATED = "the paint's calibration is extrapolated: "
 """Begins what is said where that is done on more than `PART` of the surface."""
 
+LITTLE = 0.01
+"""Part of the nodes that cameras show which may have no pressure before that is said."""
+LACKING = "no pressure where cameras show the surface: "
+"""Begins what is said where more than `PART` of the nodes has none."""
 UNCHECKED = "nothing checks the level of the pressure: "
 """Begins what is said of a point without taps that count."""
 
@@ -101,6 +105,18 @@ def unchecked_level(
         return words
     slope = law.invert(ratio.value[on], temperature.value[on], p_off=p_off, t_off=t_off).by_ratio * ratio.value[on]
     return f"{words}: 1 % of the light is {g2(0.01 * float(np.nanmedian(np.abs(slope))) / stream.q_inf)} in Cp"
+
+
+def lacking(ratio: NodeField, prior: PressureMap, temperature: NodeField) -> list[str]:
+    """How much of what cameras show comes to no pressure, and whether it is the temperature that is missing."""
+    lost = ratio.known & ~prior.field.known
+    share = float(lost.sum()) / max(int(ratio.known.sum()), 1)
+    if share <= LITTLE:
+        return []
+    cold = float(np.mean(~temperature.known[lost]))
+    why = "nothing says the wall's temperature there" if cold > 0.5 else "the law has none for their ratio"
+    return [f"{LACKING if share > PART else ''}{g2(100 * share)} % of the nodes with a ratio have no pressure: {why}; "
+            "their loads are filled in from around"]  # fmt: skip
 
 
 def other_unit(readings: Array, prior: Array, fit: InSitu | None = None) -> str:
