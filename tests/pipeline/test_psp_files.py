@@ -1,6 +1,7 @@
 """Small files of a paint project that are read alone: linearity, polygons, colours of the table of points."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -361,3 +362,19 @@ def test_a_map_of_the_wall_whose_holes_are_numbers_is_refused(tmp_path, value, s
         read([295.0, 296.0, 297.0, value], [0.3, 0.3, 0.3, sigma])
     found = read([295.0, 296.0, 297.0, np.nan], [0.3, 0.3, 0.3, np.nan])
     assert found.known.tolist() == [True, True, True, False]
+
+
+@pytest.mark.parametrize(("names", "words"), [
+    (["../a"], "a point's results go into a folder of its name, and this one cannot: '../a'"),
+    (["."], "this one cannot: '.'"),
+    (["CON"], "Windows keeps 'CON' for a device"),
+    (["p02", "P02"], "'p02' and 'P02' are one name on many disks"),
+    (["report.html"], "'report.html' is the name of a file of the results themselves"),
+    (["Loads.csv"], "'loads.csv' and 'Loads.csv' are one name"),
+])  # fmt: skip
+def test_names_of_points_that_no_folder_can_have_are_refused(tmp_path, names, words):
+    """Results of a point called ../a would land beside the results, and be lost."""
+    with pytest.raises(FileError, match=re.escape(words)):
+        read_points_table(written(tmp_path, "t.csv", HEAD, *(ROW.replace("a,", f"{n},", 1) for n in names)))
+    good = [ROW.replace("a,", f"{n},", 1) for n in ("R12P03", "alpha 2.5", "p-1", "12")]
+    assert len(read_points_table(written(tmp_path, "t.csv", HEAD, *good))) == 4
