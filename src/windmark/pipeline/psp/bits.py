@@ -90,7 +90,7 @@ class DarkLevel:
             return
         floor = _bits_of(float(np.quantile(np.asarray(picture, float)[there] / self.level[there], DARKEST)))
         if floor > HALF * by if by > 0 else abs(floor) > HALF:
-            raise DataError(_words(of, "the dark pictures", by))
+            raise DataError(otherwise(of, "the dark pictures", by))
 
 
 class SameBits:
@@ -119,8 +119,16 @@ class SameBits:
                 now = Bits.of(picture.image), seen, said(kind, camera, picture)
                 before = self._first.setdefault((camera, colour), now)
                 by = now[0].beyond(before[0])
-                if by and _bits_of(now[1] / before[1]) / by > HALF:
-                    raise DataError(_words(now[2], before[2], by))
+                if shifted(by, now[1] / before[1]):
+                    raise DataError(otherwise(now[2], before[2], by))
+
+
+def shifted(by: int, times: float) -> bool:
+    """Whether levels that are so many times as large as others of the same light are so for ``by`` bits.
+
+    Levels that use more bits may be the mean of several pictures, which is as bright as one.
+    """
+    return by != 0 and _bits_of(times) / by > HALF
 
 
 def _bits_of(times: float) -> float:
@@ -128,6 +136,7 @@ def _bits_of(times: float) -> float:
     return float(np.log2(np.maximum(times, 1e-9)))
 
 
-def _words(of: str, other: str, by: int) -> str:
+def otherwise(of: str, other: str, by: int) -> str:
+    """That two are stored otherwise, in words."""
     upper, lower = (of, other) if by > 0 else (other, of)
     return f"the grey levels of {upper} are multiples of {2 ** abs(by)}, those of {lower} are not: {ADVICE}"
