@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from windmark.paint import NodeField, form_factors, photon_transfer
-from windmark.paint.photons import BINS, LEAST
+from windmark.paint.photons import BINS, LEAST, soft_limit
 from windmark.paint.radiosity import SelfIllumination
 from windmark.scene import Mesh, structured_triangles
 
@@ -45,3 +45,41 @@ def test_form_factors_do_not_depend_on_the_size_of_the_model():
     for scale in (1e-3, 1e3):
         other = form_factors(Mesh.make(scale * xyz, triangles), facets=12)
         np.testing.assert_allclose(other.seen, whole.seen, atol=1e-6)
+
+
+def scene(bent, *, top=9000.0, seed=0, frames=3, shifted=0):
+    """Frames of a scene of all levels; its light is ``bent`` before it is noted."""
+    rng = np.random.default_rng(seed)
+    electrons = np.tile(np.linspace(300.0, top, 300) / 0.54, (200, 1))
+    light = 0.54 * rng.poisson(np.stack([np.roll(electrons, k * shifted, axis=0) for k in range(frames)]))
+    return np.rint(100 + bent(light) + rng.normal(0, 3.0, light.shape))
+
+
+def soft(light):
+    """Straight up to 7,000, of a slope of 0.6 to 8,000, and of a fifth above."""
+    return np.interp(light, [0, 7000, 8000, 20_000], [0, 7000, 7600, 10_000])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_levels_that_are_limited_softly_are_too_quiet(seed):
+    found = soft_limit(scene(soft, seed=seed), 0.54, 9.0, dark=100.0)
+    assert found is not None
+    assert found.level == pytest.approx(7000, abs=250)
+    assert found.part < 0.1
+    assert soft_limit(scene(soft, seed=seed, top=6500.0), 0.54, 9.0, dark=100.0) is None  # too dark to come there
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_light_that_is_straight_is_not(seed):
+    frames = scene(lambda light: light, seed=seed)
+    assert soft_limit(frames, 0.54, 9.0, dark=100.0) is None
+    assert soft_limit(frames, 2.0, 9.0, dark=100.0) is None  # the gain of another setting: all levels alike
+    assert soft_limit(frames[:1], 0.54, 9.0, dark=100.0) is None
+    means = scene(lambda light: light, seed=seed, frames=12).reshape(3, 4, 200, 300).mean(axis=1)
+    assert soft_limit(means, 0.54, 9.0, dark=100.0) is None
+
+
+def test_pixels_that_are_clipped_hard_are_known_and_not_asked():
+    frames = np.minimum(scene(lambda light: light), 8000.0)
+    assert soft_limit(frames, 0.54, 9.0, dark=100.0) is not None
+    assert soft_limit(np.where(frames < 8000, frames, np.nan), 0.54, 9.0, dark=100.0, limit=8000.0) is None

@@ -9,6 +9,8 @@ import pytest
 from windmark.errors import DataError
 from windmark.paint import LoadReference, NodeField, integrate_loads, section_profile, span_loading
 from windmark.resection import section
+from windmark.scene import Mesh
+from windmark.scene.doubled import part_of
 
 sys.path.insert(0, str(Path(__file__).parent))
 from paint_shapes import box, sphere
@@ -95,3 +97,20 @@ def test_cuts_that_are_none():
         section_profile(mesh, NodeField.make(np.ones(len(mesh.vertices))), section(mesh, [0, 9, 0], [0, 1, 0]), UNIT)
     with pytest.raises(DataError, match="cross-section"):
         section_profile(mesh, NodeField.make(np.ones(len(mesh.vertices))), section(mesh, [0.3, 0, 0], [1, 0, 0]), UNIT)
+
+
+def test_a_section_of_a_surface_that_is_there_twice_is_refused():
+    """The same zone again would make each section's force twice as large, and no sigma would show it."""
+    once = cylinder()
+    count = len(once.vertices)
+    volume = np.repeat(["wing", "again"], len(once.triangles))
+    mesh = Mesh.make(np.tile(once.vertices, (2, 1)), np.concatenate([once.triangles, once.triangles + count]), volume)
+    cp, cut = NodeField.make(mesh.vertices[:, 2]), section(mesh, [0, 0.1, 0], [0, 1, 0])
+    for made in (lambda: section_profile(mesh, cp, cut, UNIT), lambda: span_loading(mesh, cp, [cut], [0, 1, 0], UNIT)):
+        with pytest.raises(DataError, match="wing lies upon again: 50 % of the cut's length is in the grid twice"):
+            made()
+    alone = part_of(mesh, mesh.volume == "wing")
+    got = span_loading(alone, cp, [section(alone, [0, 0.1, 0], [0, 1, 0])], [0, 1, 0], UNIT)
+    assert got.value[0, 0] == pytest.approx(span_loading(
+        once, NodeField.make(once.vertices[:, 2]), [section(once, [0, 0.1, 0], [0, 1, 0])], [0, 1, 0], UNIT
+    ).value[0, 0])  # fmt: skip

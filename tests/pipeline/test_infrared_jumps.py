@@ -1,9 +1,10 @@
-"""A camera's level that jumps is told from what heats a model."""
+"""A camera's level that jumps, and pictures in each other's place, are told from what heats a model."""
 
 import numpy as np
 import pytest
 
 from windmark.pipeline.infrared.jumps import jumps_of
+from windmark.pipeline.infrared.order import exchanged_of
 
 
 def heated(*, jump=0.0, at=12, start=4.5, even=0.3, seed=0, noise=0.04, frames=24):
@@ -44,3 +45,34 @@ def test_gaps_are_not_asked():
     assert jumps_of(values, t) == []
     values[12] = np.full(800, np.nan)
     assert jumps_of(values, t) == []
+
+
+@pytest.mark.parametrize("pairs", [[(8, 16)], [(8, 16), (10, 20)], [(7, 9)]])
+def test_pictures_in_each_others_place_are_named(pairs):
+    values, _ = heated(noise=0.01)
+    for a, b in pairs:
+        values[a], values[b] = values[b], values[a]
+    assert exchanged_of(values) == pairs
+    values[3] = None
+    assert exchanged_of(values) == pairs
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.04])
+def test_a_run_in_order_has_none_exchanged(seed, noise):
+    assert exchanged_of(heated(seed=seed, noise=noise)[0]) == []
+    assert exchanged_of(heated(seed=seed, noise=noise, jump=2.0)[0]) == []
+
+
+def test_heat_that_comes_and_goes_and_single_odd_frames_are_no_exchange():
+    rng = np.random.default_rng(4)
+    even, frames = 1 + 0.3 * rng.standard_normal(800), np.arange(40)
+    for history in (np.sin(frames * 0.9), np.sin(frames * 2.2), np.abs(frames - 20), (frames > 12) / (frames - 11.5)):
+        level = 300 + 2 * even * history[:, None] + 0.03 * rng.standard_normal((40, 800))
+        assert exchanged_of(list(level)) == []
+    values = heated()[0]
+    values[9] = values[9] + 3
+    values[15] = values[15] - 2
+    assert exchanged_of(values) == []
+    assert exchanged_of(values[:2]) == []
+    assert exchanged_of([None] * 5) == []

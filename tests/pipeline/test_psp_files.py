@@ -1,13 +1,15 @@
 """Small files of a paint project that are read alone: linearity, polygons, colours of the table of points."""
 
 import json
+import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose
-from windmark.io import FileError
+from windmark.io import FileError, write_nodes_netcdf
 from windmark.paint import TunnelGain
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.psp.calibration import read_calibration
@@ -17,6 +19,7 @@ from windmark.pipeline.psp.outputs import on_pixels
 from windmark.pipeline.psp.sensors import read_linearity
 from windmark.pipeline.psp.stream import constants_of
 from windmark.pipeline.psp.table import read_points_table
+from windmark.pipeline.psp.wall import read_map
 from windmark.pipeline.psp.wtd import read_wtd
 from windmark.resection import map_pixels
 from windmark.scene import Mesh
@@ -315,3 +318,63 @@ def test_a_gain_is_a_kind_of_calibration(tmp_path):
     ):
         with pytest.raises(FileError, match=words):
             read(**other)
+
+
+@pytest.mark.parametrize("name", ["beta", "beta_rad", "mach_number", "T0", "sigma_p_inf"])
+def test_a_quantity_of_the_points_without_its_unit_is_named(tmp_path, name):
+    """Its cells would not count: the sideslip would be 0, whatever they say."""
+    with pytest.raises(FileError, match=rf"unknown column '{name.lower()}'; expected {name[:4].rstrip('_')}"):
+        read_points_table(written(tmp_path, "t.csv", f"{HEAD},{name}", f"{ROW},5"))
+
+
+@pytest.mark.parametrize("name", ["operator", "theta_deg", "alpha_encoder", "time", "T0_K", "beta_deg"])
+def test_columns_of_ones_own_are_left(tmp_path, name):
+    assert len(read_points_table(written(tmp_path, "t.csv", f"{HEAD},{name}", f"{ROW},5"))) == 1
+
+
+def test_places_of_sensors_have_no_unknown_column(tmp_path):
+    """A normal that is called otherwise than expected would not count, and a tap would land on the other side."""
+    lines = "# length unit: mm", "name,x,y,z,normal_x,normal_y,normal_z", "A,1,2,3,0,0,1"
+    lengths = Lengths("mm")
+    with pytest.raises(FileError, match="unknown column 'normal_x'; the columns are name,x,y,z,nx,ny,nz"):
+        lengths.points(written(tmp_path, "p.csv", *lines), strict=True)
+    assert len(lengths.points(written(tmp_path, "p.csv", *lines))) == 1  # of a list of places that are wanted
+    head = "name,x [mm],y [mm],z [mm],nx,ny,nz,radius [mm],volume,role,sigma_x,run,time,note"
+    own = written(tmp_path, "q.csv", head, "A,1,2,3,0,0,1,0.2,wing,tap,0.1,7,12:30,new")
+    assert lengths.points(own, strict=True).normal.tolist() == [[0, 0, 1]]
+
+
+@pytest.mark.parametrize(("value", "sigma", "words"), [
+    (0.0, 0.3, "temperature: 1 of its 4 nodes are not above 50 K; expected NaN where it is not known"),
+    (-9999.0, 0.3, "are not above 50 K"),
+    (295.0, np.nan, "sigma_temperature: 1 nodes with a temperature have no sigma"),
+])  # fmt: skip
+def test_a_map_of_the_wall_whose_holes_are_numbers_is_refused(tmp_path, value, sigma, words):
+    """A hole that counts as 0 K, and a sigma that is not known and counts as 0, are no measurement."""
+    mesh = Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], "wing")
+
+    def read(*of):
+        fields = dict(zip(("temperature", "sigma_temperature"), map(np.array, of), strict=True))
+        write_nodes_netcdf(tmp_path / "T.nc", mesh, fields, units=dict.fromkeys(fields, "K"), history={})
+        return read_map(tmp_path / "T.nc", SimpleNamespace(mesh=mesh), 0.2)
+
+    with pytest.raises(FileError, match=words):
+        read([295.0, 296.0, 297.0, value], [0.3, 0.3, 0.3, sigma])
+    found = read([295.0, 296.0, 297.0, np.nan], [0.3, 0.3, 0.3, np.nan])
+    assert found.known.tolist() == [True, True, True, False]
+
+
+@pytest.mark.parametrize(("names", "words"), [
+    (["../a"], "a point's results go into a folder of its name, and this one cannot: '../a'"),
+    (["."], "this one cannot: '.'"),
+    (["CON"], "Windows keeps 'CON' for a device"),
+    (["p02", "P02"], "'p02' and 'P02' are one name on many disks"),
+    (["report.html"], "'report.html' is the name of a file of the results themselves"),
+    (["Loads.csv"], "'loads.csv' and 'Loads.csv' are one name"),
+])  # fmt: skip
+def test_names_of_points_that_no_folder_can_have_are_refused(tmp_path, names, words):
+    """Results of a point called ../a would land beside the results, and be lost."""
+    with pytest.raises(FileError, match=re.escape(words)):
+        read_points_table(written(tmp_path, "t.csv", HEAD, *(ROW.replace("a,", f"{n},", 1) for n in names)))
+    good = [ROW.replace("a,", f"{n},", 1) for n in ("R12P03", "alpha 2.5", "p-1", "12")]
+    assert len(read_points_table(written(tmp_path, "t.csv", HEAD, *good))) == 4

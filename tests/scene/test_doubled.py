@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from windmark.scene import Block, Mesh, structured_triangles
-from windmark.scene.doubled import doubled, doubled_zones
+from windmark.scene.doubled import doubled, doubled_zones, part_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "paint"))
 from paint_shapes import box, plate, sphere
@@ -83,3 +83,36 @@ def test_what_cannot_be_is_left_out_and_zones_have_their_names():
 def test_it_is_looked_for_once_for_all_places_of_a_surface():
     mesh = together(plate(), plate())
     assert doubled(mesh.moved(mesh.vertices * 1.01)) is doubled(mesh)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_tree_finds_what_looking_at_every_pair_does(seed):
+    """The slow twin: every triangle against every other one, in plain arrays."""
+    rng = np.random.default_rng(seed)
+    corner = rng.uniform(-1, 1, (150, 1, 3)) * [1, 1, 0.02] + rng.uniform(-0.5, 0.5, (150, 3, 3)) * [1, 1, 0.02]
+    mesh = Mesh.make(corner.reshape(-1, 3), np.arange(450).reshape(-1, 3))
+    n = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    twice = np.linalg.norm(n, axis=1)
+    n /= twice[:, None]
+    height = twice / np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+    layers = np.zeros(150)
+    for a, middle in enumerate(corner.mean(axis=1)):
+        edge, off = np.roll(corner, -1, axis=1) - corner, middle - corner
+        inside = (np.einsum("bj,bkj->bk", n, np.cross(edge, off)) > 0).all(axis=1)
+        near = np.abs((n * off[:, 0]).sum(axis=1)) <= 0.05 * np.maximum(height[a], height)
+        layers[a] = (inside & near & (n @ n[a] >= 0.9) & (np.arange(150) != a)).sum()
+    found = doubled(mesh)
+    assert layers.any()
+    np.testing.assert_array_equal(found.upon >= 0, layers > 0)
+    np.testing.assert_allclose(found.extra, 0.5 * twice * layers / (1 + layers))
+
+
+def test_of_a_part_of_a_surface_that_is_there_once_nothing_is_looked_for():
+    whole = together(plate(), moved(plate(13, 11), [4.0, 0, 0]))
+    part = part_of(whole, whole.volume == "wing")
+    assert "_doubled" in part.__dict__
+    assert not doubled(part)
+    twice = together(plate(), plate(), plate(), names=("wing", "wing", "flap"))
+    found = doubled(part_of(twice, twice.volume == "wing"))
+    assert found.extra.sum() == pytest.approx(12.0)
+    assert not doubled(part_of(twice, twice.volume == "flap"))

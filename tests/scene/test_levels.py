@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.scene.levels import clipped_level
+from windmark.scene.levels import clipped_level, unused_bits
 
 
 def picture(top, sigma=30.0):
@@ -29,3 +29,17 @@ def test_levels_that_lie_several_apart_clip_only_where_they_pile_up(factor):
 @pytest.mark.parametrize("levels", [np.full((40, 40), 90, np.uint8), picture(240).astype(float), np.zeros((0, 0), int)])
 def test_even_pictures_and_numbers_that_are_no_levels_clip_nowhere(levels):
     assert clipped_level(levels) == np.inf
+
+
+@pytest.mark.parametrize("times", [1, 4, 16, 12])
+def test_bits_that_no_level_has_are_unused(times):
+    own = picture(10_000) * np.uint16(times)
+    bits = {1: 0, 4: 2, 16: 4, 12: 2}[times]
+    assert unused_bits(own) == (bits, bits)
+    own[0, :5] += np.uint16(1)  # a number that the camera writes into its first pixels
+    assert unused_bits(own) == (bits, bits)
+
+
+def test_few_levels_and_no_whole_numbers_tell_little_of_their_bits():
+    assert unused_bits(np.full((40, 40), 96, np.uint8)) == (0, 5)
+    assert unused_bits(picture(10_000).astype(float)) == (0, 8)

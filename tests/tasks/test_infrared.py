@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from windmark.errors import DataError
 from windmark.paint import PlanckBand, Wall, flux_operator
 from windmark.pipeline.infrared.project import CameraEntry
 from windmark.pipeline.infrared.sensors import ThermalSensor
+from windmark.pipeline.psp.bits import Bits
 from windmark.synth.heating import RESIN
 from windmark.tasks.infrared import BEFORE, BRIDGED, CURVED, GAP, LATE, NO_START, flag_words, history_flux
 
@@ -146,3 +148,21 @@ def test_clipped_pictures_are_found_without_a_number():
     assert np.isnan(made.signal(clipped)[0][full]).all()
     by_number = ThermalSensor(band, sensor(saturation=12_010)[0], None, None, 1, 1e-4, None)
     assert by_number.signal(picture)[2].sum() == (picture >= 12_010).sum()
+
+
+def test_frames_that_are_stored_in_other_bits_than_the_even_pictures_are_refused():
+    """Pixels made equal by pictures of four times the numbers would get four times the pattern."""
+    entry, band = sensor()
+    rng = np.random.default_rng(7)
+    even, frame = (rng.normal(level, 30, (60, 60)).astype(np.uint16) for level in (3000, 3100))
+
+    def made(times):
+        own = even * np.uint16(times)
+        return ThermalSensor(band, entry, own.astype(float), None, 1, 1e-4, None, Bits.of(own), float(np.median(own)))
+
+    for times, other in ((1, 4), (4, 1)):
+        made(times).signal(frame * np.uint16(times))
+        with pytest.raises(DataError, match=r"are multiples of 4, those of .* are not"):
+            made(times).signal(frame * np.uint16(other))
+    rounded = (frame // 4 * 4).astype(np.uint16)  # of fewer bits, and as large
+    assert made(1).signal(rounded)[0].shape == (60, 60)

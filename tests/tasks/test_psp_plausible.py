@@ -5,7 +5,17 @@ import pytest
 
 from windmark.paint import NodeField, SternVolmer, TunnelConditions, pressure_map
 from windmark.scene import Mesh, structured_triangles
-from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, mach_of, other_unit, total_pressure
+from windmark.tasks.psp.plausible import (
+    LACKING,
+    UNCHECKED,
+    beyond_calibration,
+    beyond_stream,
+    lacking,
+    mach_of,
+    other_unit,
+    total_pressure,
+    unchecked_level,
+)
 from windmark.tasks.psp.reduce import _why
 from windmark.tasks.psp.taps import Readings, at_taps
 
@@ -118,3 +128,26 @@ def test_temperatures_beyond_the_calibration_are_said_too():
     assert beyond(np.full(10, 9e4), warm - 4) == [
         "40 % of the nodes lie outside the paint's calibration in temperature (280 to 310 K)"
     ]
+
+
+def test_a_level_that_no_tap_checks_is_said_with_what_a_part_of_the_light_makes():
+    law = SternVolmer(np.array([[0.2], [0.8]]), 1e5, 293.15, (0.0, 2e5), (280.0, 310.0))
+    ratio, wall = NodeField.make(np.full(9, 0.7), 0.001), NodeField.make(np.full(9, 293.15), 0.1)
+    said = unchecked_level(law, ratio, wall, 1e5, 293.15, STREAM)
+    assert said.startswith(UNCHECKED)
+    assert "1 % of the light is 0.03 in Cp" in said  # 0.01 of 0.7 / 0.8 of 1e5 Pa, over q
+    assert "in Cp" not in unchecked_level(law, NodeField.make(np.full(9, np.nan)), wall, 1e5, 293.15, STREAM)
+
+
+def test_nodes_that_cameras_show_and_that_come_to_no_pressure_are_said():
+    law = SternVolmer(np.array([[0.2], [0.8]]), 1e5, 293.15, (0.0, 2e5), (280.0, 310.0))
+    ratio = NodeField.make(np.where(np.arange(200) < 100, 0.7, np.nan), 0.001)
+
+    def of(known):
+        wall = NodeField.make(np.where(np.arange(200) >= known, 293.15, np.nan), 0.1)
+        return lacking(ratio, pressure_map(law, ratio, wall, p_off=1e5, t_off=293.15), wall)
+
+    assert of(0) == of(1) == []
+    (some,), (many,) = of(8), of(30)
+    assert some.startswith("8 % of the nodes with a ratio have no pressure: nothing says the wall's temperature there")
+    assert many.startswith(LACKING)

@@ -20,7 +20,14 @@ from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
 from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.grid import grid_findings
-from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
+from windmark.pipeline.verdict.paint import (
+    black_findings,
+    lamp_findings,
+    psp_verdict,
+    reference_findings,
+    response_findings,
+)
+from windmark.tasks.psp.plausible import UNCHECKED
 
 Record = dict[str, Any]
 
@@ -50,6 +57,7 @@ def psp(
         markers = test.deforming.test.markers
         unit = test.project.length_unit
         further = black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given])
+        further += response_findings({name: sensor.odd for name, sensor in test.sensors.items()})
         further += calibration_findings(test.paint.warnings)
         further += lamp_findings(test.mesh, [lamp.position for lamp in test.project.lamp], unit)
         if (given := test.project.loads) is not None:
@@ -99,7 +107,7 @@ def _point(r: PointRecord) -> Record:
         "area_shown": dict(r.shown),
         "loads": {v: {c: list(pair) for c, pair in of.items()} for v, of in r.loads.items()},
         "causes": {k: [[n, s] for n, s in of[:5]] for k, of in r.causes.items()}, "remarks": list(r.remarks),
-        "seconds": dict(r.seconds),
+        "unchecked": [remark for remark in r.remarks if remark.startswith(UNCHECKED)], "seconds": dict(r.seconds),
     }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from windmark.io.atomic import atomic_path
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError
 from windmark.io.fields import LENGTH, label, written_by
-from windmark.io.markers import NORMAL, XYZ, read_marker_unit, read_markers
+from windmark.io.markers import COLUMNS, NORMAL, SIGMA, XYZ, read_marker_unit, read_markers
 from windmark.io.netcdf_write import Variable, write_variables
 from windmark.io.numbers_text import format_rows
 from windmark.io.text import Pathlike
@@ -24,6 +24,8 @@ from windmark.scene import ROLES
 Array = NDArray[np.float64]
 Text = NDArray[np.str_]
 
+LABELS = ("run", "time", "note")
+"""Columns of a table that say for whom or when a row is; nothing is made of them."""
 FILL = -9999.0
 """What Tecplot's text has for NaN."""
 
@@ -46,7 +48,7 @@ class PointList:
         return len(self.name)
 
 
-def read_points(path: Pathlike, *, roles: Sequence[str] | None = None) -> PointList:
+def read_points(path: Pathlike, *, roles: Sequence[str] | None = None, strict: bool = False) -> PointList:
     """Read a list of points.
 
     Parameters
@@ -55,13 +57,16 @@ def read_points(path: Pathlike, *, roles: Sequence[str] | None = None) -> PointL
         out. Coordinates may be empty (NaN): such a point has no place
     roles : rows of these roles. None: the taps of a ``.tgts`` file (all its entries where it has none), every row of a
         CSV table
+    strict : refuse a column that is none of a marker table's (`markers.COLUMNS`) nor `LABELS`: a normal that is called
+        otherwise than expected would not count
 
     Raises
     ------
     FileError
-        Names the line: an empty or double name, a cell that is no number, an unknown role; or no point at all.
+        Names the line: an empty or double name, a cell that is no number, an unknown role, with ``strict`` an unknown
+        column; or no point at all.
     """
-    points = _of_tgts(path, roles) if Path(path).suffix.lower() == ".tgts" else _of_csv(path)
+    points = _of_tgts(path, roles) if Path(path).suffix.lower() == ".tgts" else _of_csv(path, strict)
     if roles is not None:
         keep = np.isin(points.role, list(roles))
         points = replace(points, **{f: getattr(points, f)[keep] for f in ("name", "xyz", "normal", "volume", "role")})
@@ -78,8 +83,10 @@ def _of_tgts(path: Pathlike, roles: Sequence[str] | None) -> PointList:
     return PointList(markers.name, markers.xyz, markers.normal, np.full(len(markers), ""), markers.role)
 
 
-def _of_csv(path: Pathlike) -> PointList:
-    table = read_table(path, required=("name", *XYZ), known=None, lengths=XYZ, plain=NORMAL)
+def _of_csv(path: Pathlike, strict: bool) -> PointList:
+    columns = (*COLUMNS, *LABELS) if strict else None
+    lengths = (*XYZ, "radius", *SIGMA) if strict else XYZ
+    table = read_table(path, required=("name", *XYZ), known=columns, lengths=lengths, plain=NORMAL)
     names = table.names()
     normal = table.together(*NORMAL)
     if normal is None:

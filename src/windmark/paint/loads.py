@@ -18,7 +18,7 @@ from windmark.paint.modes import NodeField
 from windmark.paint.surface import Surface, joined_surface
 from windmark.paint.unseen import guesses_of
 from windmark.scene import Mesh
-from windmark.scene.doubled import doubled, doubled_zones
+from windmark.scene.doubled import TWICE, doubled, doubled_zones, part_of
 from windmark.scene.shown import check_kinds, pandas_table
 
 Array = NDArray[np.float64]
@@ -27,9 +27,6 @@ Mask = NDArray[np.bool_]
 CLOSED = 1e-4
 """A surface is closed where it has no border, or where the area vectors of its triangles add up to no more than this
 part of its area."""
-TWICE = 0.01
-"""Part of an area that may be in the grid twice, as where zones meet that do not match: it counts twice in the loads,
-which is about so much of them, and is said. More is a zone that is there twice, or a grid of overset zones."""
 
 
 @described(lambda loads: {
@@ -182,14 +179,11 @@ def integrate_loads(
 
 def _twice(mesh: Mesh, names: Sequence[str]) -> list[str]:
     """What is to be said of area that is in some volumes twice; refused where it is more than a rim."""
-    if not doubled(mesh):
-        return []
-    own = np.isin(mesh.volume, names)
-    part = replace(mesh, triangles=mesh.triangles[own], volume=mesh.volume[own])
+    part = part_of(mesh, np.isin(mesh.volume, names))
     found = doubled(part)
-    area = 0.5 * np.linalg.norm(part.triangle_normals(), axis=1)
     if not found:
         return []
+    area = 0.5 * np.linalg.norm(part.triangle_normals(), axis=1)
     on = {**{name: part.volume == name for name in names}, "all": np.ones(len(area), bool)}
     share = {name: float(found.extra[rows].sum() / area[rows].sum()) for name, rows in on.items()}
     most = max(share, key=lambda name: share[name])

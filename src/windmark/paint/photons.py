@@ -25,6 +25,9 @@ UNSURE = 0.2
 """The levels do not spread where the gain's sigma is more than this part of it."""
 MOST = 400_000
 """Pixels that are asked: twenty frames then tell the gain within 0.3 %, whatever a sensor's size."""
+QUIET = 0.5
+"""Part of photons' variance below which bright pixels are quieter than light is: half of it is left where the response
+has seven tenths of its slope."""
 CUT = 4.0
 """Differences beyond so many sigmas of their group are motion, dust and hot pixels, no noise."""
 
@@ -41,6 +44,7 @@ class PhotonTransfer:
     levels, variances : (B,) level less dark and variance of each group of pixels
     flicker : (F,) the light of each frame relative to the mean
     misfit : root of the groups' mean squared misfit in sigmas; above 2 the noise is not that of photons alone
+    intercept : the read variance as it comes out of the fit, which may be less than that of rounding, or than none
     """
 
     gain: float
@@ -50,6 +54,7 @@ class PhotonTransfer:
     variances: Array
     flicker: Array
     misfit: float
+    intercept: float = float("nan")
 
     def __bool__(self) -> bool:
         return True
@@ -100,6 +105,69 @@ def photon_transfer(
     given = np.asarray(frames)
     if given.ndim != 3 or len(given) < 2:
         raise UsageError(f"photon_transfer: frames must be (F, H, W) with F at least 2, got {given.shape}")
+    found = _noise_by_level(given, dark, saturation)
+    if isinstance(found, NotFitted):
+        return found
+    least = 1 / 12 if given.dtype.kind in "biu" else 0.0
+    return _fitted(*found, least)
+
+
+@dataclass(frozen=True)
+class SoftLimit:
+    """Bright pixels of which the noise is far less than that of photons.
+
+    Parameters
+    ----------
+    level : from which on, less dark
+    part : of the noise's variance that is left at the brightest pixels
+    """
+
+    level: float
+    part: float
+
+
+def soft_limit(
+    frames: ArrayLike, gain: float, read_variance: float, *, dark: ArrayLike = 0.0, limit: float = np.inf
+) -> SoftLimit | None:
+    """Where a camera's response bends towards its limit: noise falls with the slope of the response, light does not.
+
+    What moves between frames adds to the noise, so that nothing is found that is not there.
+
+    Parameters
+    ----------
+    frames : (F, H, W) at least two of about the same scene, NaN where a pixel does not count
+    gain, read_variance : of the camera, see `photon_transfer`
+    dark : (H, W) or one number
+    limit : grey level at which pixels are clipped, and known to be: those within their noise of it are not asked
+
+    Returns
+    -------
+    SoftLimit where the brightest of `BINS` groups of pixels have less than `QUIET` of photons' noise, by more than
+    chance, and those of middle levels have all of it; else None.
+    """
+    given = np.asarray(frames, dtype=float)
+    if not gain > 0 or len(given) < 2:
+        return None
+    light = given.mean(axis=0) - dark
+    near = given.max(axis=0) + CUT * np.sqrt(gain * np.maximum(light, 0.0) + read_variance) >= limit
+    found = _noise_by_level(np.where(near, np.nan, given), dark, None)
+    if isinstance(found, NotFitted):
+        return None
+    levels, variances, number, _ = found
+    part = variances / (gain * np.maximum(levels, 0.0) + read_variance)
+    usual = min(float(np.median(part)), 1.0)
+    sure = QUIET * usual * (1 - CUT * np.sqrt(3 / number))
+    quiet = part < sure
+    if not quiet[-1:].any() or quiet.mean() > 0.5:
+        return None
+    first = len(quiet) - int(np.argmin(np.append(quiet[::-1], False)))
+    return SoftLimit(float(levels[first]), float(part[-1] / usual))
+
+
+def _noise_by_level(
+    given: NDArray[np.generic], dark: ArrayLike, saturation: float | None
+) -> tuple[Array, Array, Array, Array] | NotFitted:
+    """Level, variance and number of differences of each group of pixels, and (F,) the light of each frame."""
     black = np.broadcast_to(np.asarray(dark, dtype=float), given.shape[1:])
     good = np.isfinite(black)
     for frame in given:
@@ -115,9 +183,7 @@ def photon_transfer(
     edges = np.unique(np.quantile(level, np.linspace(0, 1, min(BINS, len(level) // LEAST) + 1)))
     if len(edges) < 3:
         return NotFitted("photon_transfer: the picture has one level everywhere: its gain cannot be told")
-    found = _groups(stack, light, level, np.searchsorted(level, edges[:-1]))
-    least = 1 / 12 if given.dtype.kind in "biu" else 0.0
-    return _fitted(*found, light, least)
+    return (*_groups(stack, light, level, np.searchsorted(level, edges[:-1])), light)
 
 
 def _drawn(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -183,4 +249,4 @@ def _fitted(levels: Array, variances: Array, number: Array, light: Array, least:
             f"({levels.min():.4g} to {levels.max():.4g}): gain {g3(gain)} +- {g3(unsure)}",
             {"gain": gain, "sigma": unsure},
         )
-    return PhotonTransfer(gain, max(read, least), np.asarray(cov), levels, variances, light, misfit)
+    return PhotonTransfer(gain, max(read, least), np.asarray(cov), levels, variances, light, misfit, read)

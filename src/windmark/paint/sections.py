@@ -14,6 +14,7 @@ from windmark.paint.axes import LoadReference
 from windmark.paint.carry import carried
 from windmark.paint.modes import NodeField, interpolated
 from windmark.scene import Mesh
+from windmark.scene.doubled import TWICE, doubled, doubled_zones
 from windmark.scene.shown import check_kinds
 
 Array = NDArray[np.float64]
@@ -105,7 +106,8 @@ def section_profile(mesh: Mesh, cp: NodeField, cut: Cut, reference: LoadReferenc
     Raises
     ------
     DataError
-        For a cut without points or without extent along the chord.
+        For a cut without points or without extent along the chord, and for one of which more than `TWICE` of the length
+        is in the mesh twice (`scene.doubled`): it would count twice in the section's loads.
 
     Examples
     --------
@@ -127,9 +129,23 @@ def section_profile(mesh: Mesh, cp: NodeField, cut: Cut, reference: LoadReferenc
     chord = float(np.ptp(x))
     if not chord > 0:
         raise DataError("section_profile: the cut has no length along the body's axis; is it a cross-section?")
+    _refuse_doubled(mesh, cut)
     nodes, weights = _weights(mesh, cut)
     upper = mesh.triangle_normals()[cut.triangle] @ up > 0
     return SectionProfile((x - x.min()) / chord, interpolated(cp, nodes, weights), upper, cut.line, cut.xyz, chord)
+
+
+def _refuse_doubled(mesh: Mesh, cut: Cut) -> None:
+    found = doubled(mesh)
+    if not found:
+        return
+    length = np.where(np.diff(cut.line) == 0, np.linalg.norm(np.diff(cut.xyz, axis=0), axis=1), 0.0)
+    layers = np.where(found.upon[cut.triangle[:-1]] >= 0, length, 0.0)
+    share = 0.5 * float(layers.sum()) / max(float(length.sum()), 1e-300)
+    if share > TWICE:
+        raise DataError(f"section_profile: {doubled_zones(mesh, found)}: {g3(100 * share)} % of the cut's length is in "
+                        "the grid twice and would count twice in its loads; leave a zone that is there twice out of "
+                        "its volume, and blank what overlaps of overset zones (IBLANK = 0)")  # fmt: skip
 
 
 def _weights(mesh: Mesh, cut: Cut) -> tuple[NDArray[np.int64], Array]:

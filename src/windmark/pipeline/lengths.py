@@ -118,9 +118,9 @@ class Lengths:
             raise io.FileError(path, f"names {missing[0]!r}, which the table of markers does not have")
         return known
 
-    def points(self, path: Path, roles: Sequence[str] | None = None) -> io.PointList:
+    def points(self, path: Path, roles: Sequence[str] | None = None, *, strict: bool = False) -> io.PointList:
         """`io.read_points`, in the job's unit."""
-        points = self._agreed(path, io.read_points(path, roles=roles))
+        points = self._agreed(path, io.read_points(path, roles=roles, strict=strict))
         self._points[path] = points.xyz
         self._check_sizes()
         return points

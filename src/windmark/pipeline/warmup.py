@@ -27,6 +27,7 @@ from windmark.pipeline.project import make_project
 from windmark.pipeline.track_files import follow
 from windmark.registration import NotRegistered, register
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.doubled import doubled
 from windmark.synth import TunnelTest, default_stations, swinging, tunnel_sequence, wind_tunnel
 from windmark.tasks.align2d import NotAligned, align_images
 from windmark.tasks.reconstruct import NotReconstructed, reconstruct
@@ -158,7 +159,9 @@ class Warmup:
             run_sequence(load(read_deform_project(folder / "deform.toml")), results)
 
     def _light(self) -> None:
-        form_factors(wind_tunnel(1, size_px=SIZE, nodes=500, clutter=None).mesh, facets=50)
+        mesh = wind_tunnel(1, size_px=SIZE, nodes=500, clutter=None).mesh
+        form_factors(mesh, facets=50)
+        doubled(mesh)
 
 
 def _camera_and_markers(rng: np.random.Generator) -> tuple[Camera, MarkerSet]:

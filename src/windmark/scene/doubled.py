@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +18,11 @@ UPON = 0.05
 long, are a thirtieth of their length from each other and from it."""
 ALIKE = 0.9
 """Cosine of the angle up to which two triangles face the same way. The sides of a thin part face opposite ways."""
+TWICE = 0.01
+"""Part of an area that may be in the grid twice, as where zones meet that do not match: it counts twice in the loads,
+which is about so much of them, and is said. More is a zone that is there twice, or a grid of overset zones."""
 EDGE = 1e-6
 """Weight of a corner of a triangle below which a place is on the edge across from it."""
-BLOCK = 4000
-"""Leaves that are looked at together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +56,14 @@ def doubled(mesh: Mesh) -> Doubled:
     return found
 
 
+def part_of(mesh: Mesh, triangles: NDArray[np.bool_]) -> Mesh:
+    """Some triangles (T,) of a surface; where nothing of the whole is there twice, its part is not looked at."""
+    part = replace(mesh, triangles=mesh.triangles[triangles], volume=mesh.volume[triangles])
+    if not doubled(mesh):
+        part.__dict__["_doubled"] = Doubled(np.zeros(len(part.triangles)), np.full(len(part.triangles), -1, np.int64))
+    return part
+
+
 def _found(mesh: Mesh) -> Doubled:
     extra, upon = np.zeros(len(mesh.triangles)), np.full(len(mesh.triangles), -1, np.int64)
     normals = mesh.triangle_normals()
@@ -63,14 +71,16 @@ def _found(mesh: Mesh) -> Doubled:
     real = np.flatnonzero(np.isfinite(twice) & (twice > 0))
     if len(real) < 2:
         return Doubled(extra, upon)
+    from windmark.scene._doubled_kernels import lie_upon
+
     tree = TriangleTree.of(Mesh.make(mesh.vertices, mesh.triangles[real]))
     own = real[tree.order]
     faces = _Faces.of(tree, normals[own] / twice[own][:, None])
-    layers = np.zeros(len(own))
-    for a, b in faces.pairs(tree):
-        count = faces.over(a, b)
-        layers += np.bincount(a, count, minlength=len(own))
-        upon[own[a[count > 0]]] = own[b[count > 0]]
+    layers, last = np.zeros(len(own)), np.full(len(own), -1, np.int64)
+    lie_upon(tree.boxes, faces.highest(tree.leaves), tree.leaves, LEAF, faces.middle, faces.first, faces.normal,
+             faces.weights, faces.height, UPON, ALIKE, EDGE, layers, last)  # fmt: skip
+    found = last >= 0
+    upon[own[found]] = own[last[found]]
     extra[own] = 0.5 * twice[own] * layers / (1 + layers)
     return Doubled(extra, upon)
 
@@ -96,36 +106,7 @@ class _Faces:
         longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
         return _Faces(corner.mean(axis=1), corner[:, 0], normal, across, twice / longest)
 
-    def pairs(self, tree: TriangleTree) -> Iterator[tuple[Ints, Ints]]:
-        """Triangles, and others that face their way and are near enough to look at, part by part."""
-        highest = self._highest(tree.leaves)[:, None]
-        low, high = tree.boxes[:, :3] - UPON * highest, tree.boxes[:, 3:] + UPON * highest
-        count = -(-len(self.height) // LEAF)
-        for k in range(0, count, BLOCK):
-            # Leaf by leaf: the boxes of all nodes of the tree that meet a leaf's.
-            leaf = np.arange(k, min(k + BLOCK, count)) + tree.leaves - 1
-            node = np.zeros(len(leaf), np.int64)
-            while True:
-                meet = ((high[leaf] >= low[node]) & (low[leaf] <= high[node])).all(axis=1)
-                leaf, node = leaf[meet], node[meet]
-                if node[0] >= tree.leaves - 1:  # all leaves are equally deep, and each meets itself
-                    break
-                leaf, node = np.repeat(leaf, 2), (2 * node[:, None] + np.array([1, 2])).ravel()
-            a, node = self._each(leaf - tree.leaves + 1, node)
-            near = UPON * np.maximum(self.height[a][:, None], highest[node])
-            inside = ((self.middle[a] >= tree.boxes[node, :3] - near) & (self.middle[a] <= tree.boxes[node, 3:] + near))
-            a, node = a[inside.all(axis=1)], node[inside.all(axis=1)]
-            b, a = self._each(node - tree.leaves + 1, a)
-            alike = (np.einsum("nk,nk->n", self.normal[a], self.normal[b]) >= ALIKE) & (a != b)
-            yield a[alike], b[alike]
-
-    def _each(self, leaf: Ints, other: Ints) -> tuple[Ints, Ints]:
-        """The triangles of leaves, and what belongs to each leaf."""
-        out = (leaf[:, None] * LEAF + np.arange(LEAF)).ravel()
-        there = out < len(self.height)
-        return out[there], np.repeat(other, LEAF)[there]
-
-    def _highest(self, leaves: int) -> Array:
+    def highest(self, leaves: int) -> Array:
         """Greatest height of a triangle in each node of a tree."""
         out = np.zeros(2 * leaves - 1)
         per_leaf = np.maximum.reduceat(self.height, np.arange(0, len(self.height), LEAF))
@@ -134,14 +115,6 @@ class _Faces:
             width = 1 << k
             out[width - 1 : 2 * width - 1] = out[2 * width - 1 : 4 * width - 1].reshape(-1, 2).max(axis=1)
         return out
-
-    def over(self, a: Ints, b: Ints) -> Array:
-        """1 where the middle of ``a`` lies upon ``b``, half of it over an edge: the triangle beyond has that, too."""
-        off = self.middle[a] - self.first[b]
-        near = np.abs(np.einsum("nk,nk->n", off, self.normal[b])) <= UPON * np.maximum(self.height[a], self.height[b])
-        u, v = np.einsum("nk,nkj->jn", off, self.weights[b])
-        least = np.minimum(np.minimum(u, v), 1 - u - v)
-        return np.where(near & (least > -EDGE), np.where(least > EDGE, 1.0, 0.5), 0.0)
 
 
 def zone_of(mesh: Mesh, triangle: int) -> str:

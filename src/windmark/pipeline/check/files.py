@@ -13,7 +13,7 @@ from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.folder import picture_files
 from windmark.pipeline.check.paint import paint_tables
 from windmark.pipeline.check.paths import MODELS, other_paths, similar
-from windmark.pipeline.check.places import place_lists
+from windmark.pipeline.check.places import SINGLE, place_lists
 from windmark.pipeline.check.problems import Checked, Problem, keys_of, noting
 from windmark.pipeline.deform.load import WHERE_IT_STANDS
 from windmark.pipeline.settings import existing, existing_picture
@@ -53,7 +53,7 @@ class Files:
             self._exists(key, value)
         for key, file, roles in place_lists(self.out.path, self.data):
             with noting(self.out, self.lines, key):
-                found = io.read_points(file, roles=roles)
+                found = io.read_points(file, roles=roles, strict=key.partition(".")[0] in dict(SINGLE))
                 self.out.read.append(f"{len(found.name)} places of {file.name}")
                 self._unit(key, found.length_unit)
         for key, read in paint_tables(self.out.path, self.data) if self.out.kind == "psp" else ():

@@ -22,6 +22,7 @@ from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes
 from windmark.pipeline.infrared.frame import run_frame
 from windmark.pipeline.infrared.jumps import jumps
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
+from windmark.pipeline.infrared.order import exchanged
 from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
 from windmark.pipeline.infrared.record import FAILED, FrameRecord
 from windmark.pipeline.infrared.repeats import REPEATS, repeated_in, without_repeats
@@ -155,6 +156,8 @@ def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameR
     if run.walls and good and not done:
         remarks.append("there is no heat flux: no frame with temperatures is left before the heating began, or after")
     if (said := risen_before(run, store, done)):
+        remarks.append(said)
+    if (said := exchanged(run, store, done)):
         remarks.append(said)
     if (said := jumps(run, store, done)):
         remarks.append(said)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.errors import DataError
 from windmark.paint import NotFitted, PlanckBand, SensorRadiance, fit_sensor_radiance
 from windmark.paint.radiance import Radiance
 from windmark.pipeline.deform.frames import files_of
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared.project import CameraEntry, InfraredProject
+from windmark.pipeline.psp.bits import Bits, otherwise, shifted
 from windmark.pipeline.psp.columns import temperatures
 from windmark.pipeline.psp.stream import FROZEN_K, TEMPERATURE
 from windmark.scene.levels import clipped_level
@@ -42,6 +44,7 @@ class ThermalSensor:
     frames : pictures in each of these
     noise : variance of a pixel's signal
     dead : (H, W) pixels that do not count; None: all do
+    bits, level : how the numbers of the even pictures are stored, and a typical one; NaN without even pictures
     """
 
     radiance: Radiance
@@ -51,9 +54,20 @@ class ThermalSensor:
     frames: int
     noise: float
     dead: Mask | None
+    bits: Bits = field(default_factory=Bits)
+    level: float = float("nan")
 
     def signal(self, picture: NDArray[np.generic]) -> tuple[Array, Array, Mask]:
-        """Signal (H, W), its variance and which pixels are saturated; NaN where a pixel does not count."""
+        """Signal (H, W), its variance and which pixels are saturated; NaN where a pixel does not count.
+
+        Raises
+        ------
+        DataError
+            For numbers that are stored in other bits than those of the even pictures.
+        """
+        by = Bits.of(picture).beyond(self.bits)
+        if by and shifted(by, float(np.median(np.asarray(picture, dtype=float))) / self.level):
+            raise DataError(otherwise("this frame", "the even pictures", by))
         value = to_signal(self.entry, self.radiance, picture)
         full = _full(picture, self.entry.saturation)
         variance = np.full(value.shape, self.noise)
@@ -106,10 +120,11 @@ def read_sensor(project: InfraredProject, index: int, station: Station) -> Therm
     """
     entry, key = project.camera[index], f"camera[{index}]"
     radiance = _radiance(entry)
-    stacks = [
-        np.stack([to_signal(entry, radiance, p) for p in _even(project, f"{key}.even", pattern, station)])
-        for pattern in entry.even
-    ]
+    even = [_even(project, f"{key}.even", pattern, station) for pattern in entry.even]
+    stacks = [np.stack([to_signal(entry, radiance, p) for p in own]) for own in even]
+    bits, level = Bits(), float("nan")
+    if even:
+        bits, level = Bits.of(np.stack(even[0])), float(np.median(even[0][0]))
     means = [s.mean(axis=0) for s in stacks]
     scatter = [s.var(axis=0, ddof=1) for s in stacks if len(s) > 1]
     if entry.netd_K is not None:
@@ -130,7 +145,7 @@ def read_sensor(project: InfraredProject, index: int, station: Station) -> Therm
         noisy = s > HOT**2 * np.median(s)
         dead = noisy if dead is None else dead | noisy
     cold, hot = (*means, None, None)[:2]
-    return ThermalSensor(radiance, entry, cold, hot, min((len(s) for s in stacks), default=1), noise, dead)
+    return ThermalSensor(radiance, entry, cold, hot, min((len(s) for s in stacks), default=1), noise, dead, bits, level)
 
 
 def _radiance(entry: CameraEntry) -> Radiance:

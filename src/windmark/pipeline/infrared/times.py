@@ -25,8 +25,8 @@ def frame_times(project: InfraredProject, timeline: Timeline, table: FrameTable)
     Raises
     ------
     FileError
-        Where heat flux is wanted and a frame has no time, times do not increase, table and rate contradict each other,
-        the heating did not begin between the frames, or a wall is too thin for all of them.
+        Where table, rate and the recordings' own times contradict each other; where heat flux is wanted and a frame has
+        no time, times do not increase, the heating did not begin between the frames, or a wall is too thin for all.
     """
     rate, where = project.sequence.rate_hz, project.sequence.frames or project.path
     by_table = np.array([
@@ -42,6 +42,7 @@ def frame_times(project: InfraredProject, timeline: Timeline, table: FrameTable)
                 where, f"time_s says {usual:.4g} s from frame to frame, sequence.rate_hz {1 / rate:.4g} s: one of them "
                 "is wrong, or time_s is not in seconds", "time_s",
             )  # fmt: skip
+    _check_recorded(project, timeline, times)
     if project.heat is None:
         return times, []
     lost = [f.key for f, t in zip(timeline.frames, times, strict=True) if not np.isfinite(t)]
@@ -69,6 +70,30 @@ def frame_times(project: InfraredProject, timeline: Timeline, table: FrameTable)
     return times, _gaps(times)
 
 
+def _check_recorded(project: InfraredProject, timeline: Timeline, times: Array) -> None:
+    """See that the time from frame to frame is what recordings and names with stamps say, where they say it.
+
+    A film's stamps are those of showing it, which may be slower than it was taken.
+    """
+    for camera in dict.fromkeys(name for frame in timeline.frames for name in frame.images):
+        items = [frame.images.get(camera) for frame in timeline.frames]
+        own = np.array([
+            item.time_s if isinstance(item, io.Frame) and not item.frames.kind.startswith("film") else frame.time_s
+            for item, frame in zip(items, timeline.frames, strict=True)
+        ])  # fmt: skip
+        on = np.isfinite(own) & np.isfinite(times)
+        there, here = np.diff(own[on]), np.diff(times[on])
+        if on.sum() > 1 and (there > 0).all() and (here > 0).all():
+            usual = float(np.median(here / there))
+            if not 1 / ODD < usual < ODD:
+                raise io.FileError(
+                    project.sequence.frames or project.path,
+                    f"says {g3(float(np.median(here)))} s from frame to frame, the pictures of {camera} hold time "
+                    f"stamps {g3(float(np.median(there)))} s apart: one of them is wrong, or times are not in seconds",
+                    "time_s",
+                )  # fmt: skip
+
+
 def _check_walls(project: InfraredProject, since: Array, walls: list[Wall]) -> None:
     """A wall that is too thin from the first frame on is none that a semi-infinite one may stand for."""
     for k, wall in enumerate(walls):
@@ -78,7 +103,7 @@ def _check_walls(project: InfraredProject, since: Array, walls: list[Wall]) -> N
             raise io.FileError(
                 project.path, f"the back of this semi-infinite wall is felt from {g3(thin)} s after the start (Fourier "
                 f'number {LATE_FOURIER:g}), the first frame is {g3(since[0])} s after it; expected back = "adiabatic" '
-                'or "isothermal", a thicker wall, or earlier frames', f"wall[{k}].back",
+                'or "isothermal", a thicker wall, earlier frames, or times in seconds', f"wall[{k}].back",
             )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.io.csvtable import Table
+from windmark.io.point_tables import LABELS
 from windmark.paint import NotFitted, PaintFit, TemperaturePaint, fit_paint, fit_temperature_paint
 from windmark.pipeline.psp.columns import check_columns, in_unit, temperatures
 from windmark.pipeline.psp.stream import FROZEN_K
@@ -17,8 +18,6 @@ from windmark.pipeline.psp.table import PRESSURE, STEPS_K
 
 Array = NDArray[np.float64]
 
-LABELS = ("run", "time", "note")
-"""Columns that tell measurements apart which agree in all numbers."""
 INVERTED = "; expected I_ref / I, which rises with pressure (not I / I_ref)"
 
 

@@ -56,6 +56,28 @@ def _unit_of(column: str, quantity: str, units: Mapping[str, object]) -> str:
     return next((unit for unit in units if unit.lower() == said), "")
 
 
+def check_units(table: Table, quantities: Mapping[str, str]) -> None:
+    """Refuse a quantity without a unit, or in one that is not known, in a table that may have columns of its own: its
+    cells would not count, and nothing would say so.
+
+    Parameters
+    ----------
+    quantities : each -> the column that it is expected as; one that is there, any others beside it are the user's own
+
+    Raises
+    ------
+    FileError
+        Naming the column.
+    """
+    for quantity, expected in quantities.items():
+        word = quantity.lower()
+        own = [c for c in table.columns if c == word or c.startswith(f"{word}_")]
+        right = [c for c in own if c == expected or (expected.endswith("_UNIT") and c != word)]
+        if own and not right:
+            words = f"unknown column {own[0]!r}; expected {expected}, or another name for a column of your own"
+            raise io.FileError(Path(table.path), words, "header")
+
+
 def check_columns(table: Table, plain: Sequence[str], quantities: Sequence[str]) -> None:
     """Refuse a column that is none of the ``plain`` ones, nor one of the ``quantities`` with a unit: what it says would
     not count, as a sigma that is not called as expected.

@@ -47,7 +47,8 @@ def at_incidence(
         some = "" if other.all() else f"{int(other.sum())} of {len(other)} of "
         raise DataError(
             f"{some}its pictures show an incidence of {seen[k]:.2f} degrees, the {table} says {alpha_deg:g}: rows "
-            "and pictures were exchanged, or points.alpha_at_rest_deg is not that of markers and grid"
+            "and pictures were exchanged, points.alpha_at_rest_deg is not that of markers and grid, or "
+            "the cameras' poses are of another test"
             + (f"; and the markers say: {also}" if also else "")
         )
     lost = [(p, float(seen[at])) for p, at in zip(found.pictures, found.instants, strict=True) if other[at]]

@@ -106,12 +106,12 @@ def _load(project: PspProject) -> PspTest:
         remarks += run_remarks(rows, project.points.max_alpha_error_deg)
     remarks += [*(r for s in sensors.values() for r in s.remarks)]
     if project.taps is not None:
-        taps = lengths.points(project.taps.file, project.taps.roles)
+        taps = lengths.points(project.taps.file, project.taps.roles, strict=True)
         pressures = read_sensors(project.taps.pressures, "pressure", project.taps.sigma or TAP_SIGMA_Pa)
         remarks += _strangers(pressures, taps)
     warm = project.temperature
     if warm.thermocouples is not None and warm.readings is not None:
-        wells = lengths.points(warm.thermocouples)
+        wells = lengths.points(warm.thermocouples, strict=True)
         readings = read_sensors(warm.readings, "temperature", WELL_SIGMA_K)
         remarks += _strangers(readings, wells)
     if not project.lamp and not all("reference" in row.channels for row in rows):

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from windmark.errors import DataError
+from windmark.pipeline.psp.bits import SameBits
 from windmark.pipeline.psp.sensors import CameraSensor
 from windmark.pipeline.psp.taken import Taken, said
 
@@ -30,6 +31,7 @@ class Once:
         for camera, sensor in sensors.items():
             self._known |= {content: ("", name, camera) for content, name in sensor.contents.items()}
         self.remarks: list[str] = []
+        self._stored = SameBits()
 
     def of(self, kind: str, pictures: Mapping[str, list[Taken]]) -> dict[str, list[Taken]]:
         """The pictures of a kind, each in its place, copies of earlier ones without their image.
@@ -38,7 +40,8 @@ class Once:
         ------
         DataError
             For a picture that was named as another kind, or another camera's, before: a ratio of pictures with
-            themselves is 1 whatever the wind does, and no sigma shows it.
+            themselves is 1 whatever the wind does, and no sigma shows it. For pictures whose levels are stored in other
+            bits than those before, see `SameBits`.
         """
         out: dict[str, list[Taken]] = {}
         both: list[str] = []
@@ -59,4 +62,5 @@ class Once:
                 f"the same pictures are named as two: {'; '.join(both[:NAMED])}{more}; expected others for each: "
                 "correct the patterns in the table of points, or copy the pictures again"
             )
+        self._stored.check(kind, out)
         return out

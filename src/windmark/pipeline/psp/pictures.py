@@ -18,6 +18,7 @@ from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.pictures import follow_deformation, read
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
+from windmark.pipeline.psp.response import soft_words
 from windmark.pipeline.psp.sensors import pictures_named
 from windmark.pipeline.psp.table import WIND_OFF
 from windmark.pipeline.psp.taken import Taken, said
@@ -81,6 +82,7 @@ def read_pictures(test: PspTest, kind: str, pattern: str, once: Once) -> dict[st
         raise DataError(f"{missing}no {kind} picture matches {pattern!r} beside the project")
     out = once.of(kind, out)
     for camera, pictures in out.items():
+        once.remarks += [w for w in [soft_words(kind, camera, pictures, test.sensors[camera].model)] if w]
         count = sum(not p.copy for p in pictures)
         good = sum(p.image is not None for p in pictures)
         if pictures and not enough(good, count):
@@ -102,6 +104,8 @@ def _taken(test: PspTest, camera: str, name: str, file: io.PictureFile) -> Taken
     most = test.project.radiometry.max_saturated
     try:
         image = read(file, test.deforming.test.station(camera))
+        if (dark := test.sensors[camera].dark) is not None:
+            dark.check(np.asarray(image), "this picture")
         done = correct_picture(image, test.sensors[camera].model, most_saturated=most)
     except WindmarkError as error:
         return Taken(name, None, why=str(error))

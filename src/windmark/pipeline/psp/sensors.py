@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.errors import DataError
-from windmark.paint import Linearity, NotFitted, SensorModel, mean_dark, mean_flat, photon_transfer
+from windmark.paint import Linearity, NotFitted, PhotonTransfer, SensorModel, mean_dark, mean_flat, photon_transfer
 from windmark.pipeline.deform.frames import files_of
 from windmark.pipeline.deform.pictures import read
+from windmark.pipeline.psp.bits import Bits, DarkLevel
 from windmark.pipeline.psp.entries import CAMERA
 from windmark.pipeline.psp.project import PspProject
+from windmark.pipeline.psp.response import OddResponse, odd_response
 from windmark.pipeline.psp.table import PointRow
 from windmark.pipeline.same_picture import content_of, first_of
 from windmark.pipeline.settings import existing
@@ -24,6 +26,7 @@ from windmark.tasks.deform.task import Station
 
 Array = NDArray[np.float64]
 
+WindOff = tuple[PhotonTransfer | None, str, list[str]]
 TRIED = 3
 """Points whose wind-off pictures are asked for the gain, one after the other."""
 
@@ -39,6 +42,8 @@ class CameraSensor:
     remarks : what is to be said
     black_given : whether anything says the level without light
     contents : of its dark and flat pictures, see `same_picture.content_of` -> their names in words
+    dark : how the levels of its dark pictures are stored; None without
+    odd : what the noise of its pictures says against them, see `odd_response`; None where it says nothing
     """
 
     model: SensorModel
@@ -46,6 +51,8 @@ class CameraSensor:
     remarks: tuple[str, ...] = ()
     black_given: bool = True
     contents: Mapping[bytes, str] = field(default_factory=dict)
+    dark: DarkLevel | None = None
+    odd: OddResponse | None = None
 
 
 def pictures_named(project: PspProject, pattern: str, camera: str) -> list[io.PictureFile]:
@@ -68,14 +75,19 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
     how = project.radiometry
     remarks: list[str] = []
     contents: dict[bytes, str] = {}
-    dark, dark_variance, dead = _dark(project, name, station, remarks, contents)
+    (dark, dark_variance, dead), stored = _dark(project, name, station, remarks, contents)
     saturation = np.inf if how.saturation is None else how.saturation
     if how.flat is None:
         remarks.append(f"camera {name}: no flat pictures are given: unequal pixels are not corrected, nor in any sigma")
     flats = None if how.flat is None else _read_all(project, "flat", name, station, remarks, contents)
+    noise = float("nan") if stored is None or how.linearity is not None else stored.noise
     gain, read_variance, source = how.gain_levels, how.read_variance, "radiometry.gain"
+    seen = None
+    if gain is None or np.isfinite(noise):
+        seen = _of_wind_off(project, name, station, rows, dark)
     if gain is None:
-        gain, read_variance, source = _gain(project, name, station, rows, flats, dark)
+        gain, read_variance, source = _gain(project, name, flats, dark, seen)
+    odd = None if seen is None or seen[0] is None else odd_response(seen[0], noise)
     linearity = None if how.linearity is None else read_linearity(named_file(project, "linearity", name))
     sensor = SensorModel(dark, saturation, gain, read_variance, dark_variance, linearity=linearity, dead=dead)
     if flats is not None:
@@ -85,7 +97,9 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
             raise io.FileError(project.path, f"camera {name}: {error}", "radiometry.flat") from None
         bad = bad if dead is None else bad | dead
         sensor = replace(sensor, flat=flat, flat_variance=flat_variance, dead=bad)
-    return CameraSensor(sensor, source, tuple(remarks), how.dark is not None or how.black is not None, contents)
+    return CameraSensor(
+        sensor, source, tuple(remarks), how.dark is not None or how.black is not None, contents, stored, odd
+    )  # fmt: skip
 
 
 def named_file(project: PspProject, key: str, camera: str) -> Path:
@@ -112,21 +126,23 @@ def read_linearity(path: Path) -> Linearity:
 
 def _dark(
     project: PspProject, name: str, station: Station, remarks: list[str], contents: dict[bytes, str]
-) -> tuple[Array | float, Array | float, NDArray[np.bool_] | None]:
-    """Level without light, its variance, dead and hot pixels."""
+) -> tuple[tuple[Array | float, Array | float, NDArray[np.bool_] | None], DarkLevel | None]:
+    """Level without light, its variance, dead and hot pixels; and how its pictures are stored."""
     how = project.radiometry
     if how.dark is not None:
-        return mean_dark(_read_all(project, "dark", name, station, remarks, contents))
+        frames = _read_all(project, "dark", name, station, remarks, contents)
+        found = mean_dark(frames)
+        noise = float(np.median(found[1])) * len(frames) if len(frames) > 1 else float("nan")
+        return found, DarkLevel(found[0], Bits.of(frames), noise)
     if how.black is None:
         remarks.append(f"camera {name}: neither dark pictures nor radiometry.black are given: the level without light "
                        "is taken as 0")  # fmt: skip
-    return how.black or 0.0, 0.0, None
+    return (how.black or 0.0, 0.0, None), None
 
 
 def _gain(
-    project: PspProject, name: str, station: Station, rows: Sequence[PointRow], flats: Array | None,
-    dark: Array | float,
-) -> tuple[float, float, str]:  # fmt: skip
+    project: PspProject, name: str, flats: Array | None, dark: Array | float, off: WindOff | None
+) -> tuple[float, float, str]:
     """Gain, read variance, and which pictures say them."""
     reasons = []
     if flats is not None and len(flats) > 1:
@@ -134,6 +150,21 @@ def _gain(
         if not isinstance(found, NotFitted):
             return found.gain, found.read_variance, "flat pictures"
         reasons.append(f"flat pictures: {found.reason}")
+    assert off is not None
+    if off[0] is not None:
+        return off[0].gain, off[0].read_variance, off[1]
+    why = "; ".join([*reasons, *off[2]]) or "there are none"
+    raise io.FileError(
+        project.path, f"camera {name}: no pictures say its gain ({why}); expected it in photo-electrons per grey level",
+        "radiometry.gain",
+    )  # fmt: skip
+
+
+def _of_wind_off(
+    project: PspProject, name: str, station: Station, rows: Sequence[PointRow], dark: Array | float
+) -> WindOff:
+    """The noise of the first wind-off pictures that tell it; their name in words; why others do not."""
+    reasons = []
     for row in rows[:TRIED]:
         off = row.off or next((part.pattern for part in row.parts if not row.own), "")
         files = pictures_named(project, off, name) if off else []
@@ -148,13 +179,9 @@ def _gain(
             continue
         found = photon_transfer(np.stack(good), dark=dark, saturation=project.radiometry.saturation)
         if not isinstance(found, NotFitted):
-            return found.gain, found.read_variance, f"wind-off pictures of {row.name}"
+            return found, f"wind-off pictures of {row.name}", reasons
         reasons.append(f"wind-off pictures of {row.name}: {found.reason}")
-    why = "; ".join(reasons) or "there are none"
-    raise io.FileError(
-        project.path, f"camera {name}: no pictures say its gain ({why}); expected it in photo-electrons per grey level",
-        "radiometry.gain",
-    )  # fmt: skip
+    return None, "", reasons
 
 
 def _read_all(

@@ -14,15 +14,18 @@ from windmark import io
 from windmark.errors import DataError, WindmarkError
 from windmark.io.csvtable import Table
 from windmark.paint import TunnelConditions
-from windmark.pipeline.psp.columns import check_columns, in_unit, temperatures
+from windmark.pipeline.psp.columns import check_columns, check_units, in_unit, temperatures
 from windmark.pipeline.psp.stream import FROZEN_K, PRESSURE, TEMPERATURE, joined
 from windmark.pipeline.psp.wtd import read_wtd
+from windmark.pipeline.settings import unusable_name
 
 Array = NDArray[np.float64]
 
 STEPS_K = {unit: factor for unit, (factor, _) in TEMPERATURE.items()}
 """Kelvin of a difference of one degree."""
 WIND_ON, WIND_OFF = "wind-on", "wind-off"
+OWN = ("points.csv", "loads.csv", "polar.pvd")
+"""Files of the results beside the points' folders."""
 CHANNELS = ("reference", "temperature")
 """Other colours of the same paint: one that does not answer to pressure, one that answers to temperature alone."""
 MIXED = 0.05
@@ -159,7 +162,8 @@ def read_points_table(
     Raises
     ------
     FileError
-        For a missing column, a unit that is not known, a cell that is no number, a point twice, or no point at all.
+        For a missing column, a quantity whose unit is missing or not known, a cell that is no number, a point twice or
+        with a name that no folder can have, or no point at all.
     """
     needed, constants = ("point", "on") if references else ("point", "on", "off"), constants or {}
     table = io.read_table(path, required=needed, known=None)
@@ -173,6 +177,11 @@ def read_points_table(
         raise io.FileError(path, why, "point")
     if not names:
         raise io.FileError(path, "has no points; expected a row for each")
+    if (reason := unusable_name([*OWN, *names])) is not None:
+        raise io.FileError(path, f"a point's results go into a folder of its name, and {reason}", "point")
+    check_units(table, {"alpha": "alpha_deg", "beta": "beta_deg", "mach": "mach", **{
+        q: f"{q}_UNIT" for q in ("p_inf", "q_inf", "p_off", "T0", "T_off", "sigma_p_inf", "sigma_q_inf")
+    }})  # fmt: skip
     cells = _cells(table, {*constants, *(("p_inf", "q_inf") if by_file else ()),
                            *(("p_off", "t_off") if references else ())})  # fmt: skip
     off, files, runs = (table.text(c) if c in table else [""] * len(names) for c in ("off", "wtd", "run"))

@@ -14,6 +14,7 @@ from windmark.paint import NodeField, given_temperature
 from windmark.paint.stern_volmer import TEMPERATURE_OUTSIDE
 from windmark.pipeline.psp.entries import POINT
 from windmark.pipeline.psp.load import PspTest
+from windmark.pipeline.psp.stream import FROZEN_K
 from windmark.pipeline.psp.table import PointRow
 from windmark.scene import Mesh
 from windmark.tasks.psp import MergedRatio, as_one_cause, two_colours
@@ -101,7 +102,17 @@ def read_map(
     if units.get(name) != unit:
         raise io.FileError(path, f"is in {units.get(name) or 'no unit'}; expected {unit}", name)
     value = np.asarray(fields[name], dtype=float)
-    sigma = np.nan_to_num(np.asarray(fields.get(f"sigma_{name}", np.zeros(len(value))), dtype=float))
+    sigma = np.asarray(fields.get(f"sigma_{name}", np.zeros(len(value))), dtype=float)
+    on = np.isfinite(value)
+    least = FROZEN_K if unit == "K" else 0.0
+    low, lost = int((value[on] <= least).sum()), int((~(sigma[on] >= 0)).sum())
+    if low:
+        words = f"{low} of its {len(value)} nodes are not above {least:g} {unit}; expected NaN where it is not known"
+        raise io.FileError(path, words, name)
+    if lost:
+        words = f"{lost} nodes with a {name} have no sigma; expected one for each, or no field sigma_{name} at all"
+        raise io.FileError(path, words, f"sigma_{name}")
+    sigma = np.where(on, sigma, 0.0)
     return given_temperature(value, sigma, common_sigma=common_sigma, unit=unit, cause=cause)
 
 

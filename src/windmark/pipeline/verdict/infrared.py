@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from windmark.errors import g2
+from windmark.errors import g2, g3
 from windmark.pipeline.alike import listed
 from windmark.pipeline.infrared import FrameRecord
 from windmark.pipeline.infrared.likely import OddUnit
@@ -63,11 +63,14 @@ def infrared_verdict(
     found += apart_findings([r.apart for r in good], "temperatures of", step, "dirt", "frames")
     if remarks:
         found.append(Finding(DOUBTFUL, "noise", remarks[0], "see the remark"))
+    # Times in another unit make every heat flux wrong, and nothing in the pictures contradicts them: they are named.
+    times = [r.time_s for r in good if np.isfinite(r.median_q)]
+    apart = f", {g3(float(np.median(np.diff(times))))} s from one to the next" if len(times) > 1 else ""
     return Verdict.of(
         found,
         1,
-        f"{len(good)} frames reduced, temperatures to {g2(sigma)} K (median, 1 sigma; emissivity, surroundings and "
-        "their sigmas as given)",
+        f"{len(good)} frames reduced{apart}, temperatures to {g2(sigma)} K (median, 1 sigma; emissivity, surroundings "
+        "and their sigmas as given)",
         "use the fields with their sigmas",
     )
 
@@ -110,5 +113,6 @@ def _flux(good: Sequence[FrameRecord]) -> list[Finding]:
         out.append(Finding(DOUBTFUL, "weak", words, step))
     if (flagged := middle([r.flagged for r in good])) > rules.SOME:
         words = f"{100 * flagged:.0f} % of the heat fluxes are flagged (late, lateral, curved)"
-        out.append(Finding(DOUBTFUL, "weak", words, "a shorter test, or the wall's true layers"))
+        step = "a shorter test, the wall's true layers; or the frames' times in seconds, where they are not"
+        out.append(Finding(DOUBTFUL, "weak", words, step))
     return out

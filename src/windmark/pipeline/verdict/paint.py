@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,13 +12,14 @@ from windmark.paint.well_tests import DOUBTED
 from windmark.pipeline.likely_unit import model_box
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.psp.incidence import listed
+from windmark.pipeline.psp.response import QUIET, OddResponse
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Mesh
-from windmark.tasks.psp.plausible import EXTRAPOLATED
+from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING
 
 
 def psp_verdict(
@@ -55,11 +56,18 @@ def psp_verdict(
         found,
         len(records),
         f"{len(good)} points reduced, Cp to {g2(sigma)} (median, 1 sigma)"
-        + ("" if any(r.fit or _compared(r) for r in good) else "; no tap checks their level")
+        + _unchecked(good)
         + (f"; loads are of the {100 * shown:.0f} % of the area that cameras show" if shown < 1 else ""),
         "use loads and Cp with their sigmas; causes say what to improve",
         what="points",
     )
+
+
+def _unchecked(good: Sequence[PointRecord]) -> str:
+    """Of how many points no tap says whether the level is right."""
+    free = sum(not (r.fit or _compared(r)) for r in good)
+    of = "their level" if free == len(good) else f"the level of {free} of them"
+    return f"; no tap checks {of}" if free else ""
 
 
 def _compared(r: PointRecord) -> bool:
@@ -78,6 +86,8 @@ def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
     if refused:
         step = "see the reason: correct grid or project, or take the loads out of the project"
         yield Finding(DOUBTFUL, "lost", refused.replace("integrate_loads: ", ""), step)
+    for said in (said for said in r.remarks if said.startswith(LACKING)):
+        yield Finding(DOUBTFUL, "covered", said, "see the temperature's maps, thermocouples or paint there")
     shown = r.shown.get("all", 1.0)
     if r.seen < rules.COVERED * shown:
         yield Finding(
@@ -154,6 +164,10 @@ def _calibrated(r: PointRecord) -> Iterator[Finding]:
 
 def _light(r: PointRecord) -> Iterator[Finding]:
     """What cameras and lamps leave open."""
+    for said in r.remarks:
+        if QUIET in said:
+            step = "expose less, or say radiometry.saturation below that level; taps there that do not fit may be right"
+            yield Finding(DOUBTFUL, "noise", f"{said}: what is as bright is wrong, and no sigma has it", step)
     yield from apart_findings(
         [r.apart], "ratios of", "check dark pictures, exposure and lamps of each camera", "oil or dirt"
     )
@@ -187,6 +201,23 @@ def black_findings(cameras: Sequence[str]) -> list[Finding]:
             "take dark pictures, or say radiometry.black (0 where the camera takes it off itself)",
         )
     ]
+
+
+def response_findings(odd: Mapping[str, OddResponse | None]) -> list[Finding]:
+    """Of cameras whose wind-off pictures' noise contradicts their levels."""
+    found = []
+    for camera, of in odd.items():
+        if of is None:
+            continue
+        words, step = "the response is not straight (a gamma, a stretched range, a sensor near its full scale)", ""
+        if not of.bent:
+            how = "low" if of.level > 0 else "bright"
+            words = f"the dark pictures are {g2(abs(of.level))} grey levels too {how}, or {words}"
+            step = "take dark pictures with the exposure and settings of the others; "
+        said = f"the noise of wind-off pictures of {camera} does not grow from that of the dark ones as light's does"
+        step += "save pictures as the sensor has them, or give radiometry.linearity; see that nothing moved meanwhile"
+        found.append(Finding(DOUBTFUL, "noise", f"{said}: {words}. Cp is wrong by it, and no sigma has it", step))
+    return found
 
 
 def reference_findings(mesh: Mesh, area: float, chord: float, unit: str) -> list[Finding]:

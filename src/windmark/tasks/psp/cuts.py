@@ -12,6 +12,7 @@ from windmark import resection
 from windmark.errors import DataError
 from windmark.paint import LoadReference, NodeField, SectionProfile, SpanLoading, section_profile, span_loading
 from windmark.scene import Mesh
+from windmark.scene.doubled import part_of
 
 Array = NDArray[np.float64]
 
@@ -84,23 +85,29 @@ def surface_of(rest: Mesh, volume: str | None) -> Mesh:
     """What a section cuts: all of the grid, or the volume of this name alone."""
     if volume is None:
         return rest
-    own = rest.volume == volume
-    return Mesh(rest.vertices, rest.triangles[own], rest.volume[own], length_unit=rest.length_unit)
+    return part_of(rest, rest.volume == volume)
 
 
 def section_loads(
-    rest: Mesh, cp: NodeField, wanted: Sequence[SectionWanted], reference: LoadReference
+    rest: Mesh,
+    cp: NodeField,
+    wanted: Sequence[SectionWanted],
+    reference: LoadReference,
+    *,
+    seen: NDArray[np.bool_] | None = None,
 ) -> tuple[tuple[str, SpanLoading], ...]:
     """Name and loads of each section that meets the surface: of the side that cameras show, the other one at p_inf.
 
     As the loads of volumes are (`seen_loads`); coefficients are by the chord of the whole section. ``unseen`` of the
     result is the part of its length where Cp was taken to go on straight, not the side that no camera shows.
+    ``seen`` (V,) nodes that decide which sides those are; by default those with a value.
     """
+    seen = cp.known if seen is None else seen
     out = []
     for one in wanted:
         part = surface_of(rest, one.volume)
         shown = np.zeros(len(cp), bool)
-        shown[part.triangles[cp.known[part.triangles].any(axis=1)]] = True
+        shown[part.triangles[seen[part.triangles].any(axis=1)]] = True
         still = replace(
             cp, value=np.where(shown, cp.value, 0.0), white=np.where(shown, cp.white, 0.0),
             modes=np.where(shown[:, None], cp.modes, 0.0),

@@ -1,5 +1,5 @@
 """What no stream and no taps can say: units that are mixed, gauge pressures, pictures that were exchanged; and what a
-calibration does not say: pressures and temperatures beyond it.
+calibration does not say: pressures and temperatures beyond it; and what a level hangs on that no tap checks.
 """
 
 from __future__ import annotations
@@ -29,6 +29,13 @@ BEYOND = 0.1
 """Part of a calibrated range by which a law may be used beyond its ends."""
 EXTRAPOLATED = "the paint's calibration is extrapolated: "
 """Begins what is said where that is done on more than `PART` of the surface."""
+
+LITTLE = 0.01
+"""Part of the nodes that cameras show which may have no pressure before that is said."""
+LACKING = "no pressure where cameras show the surface: "
+"""Begins what is said where more than `PART` of the nodes has none."""
+UNCHECKED = "nothing checks the level of the pressure: "
+"""Begins what is said of a point without taps that count."""
 
 
 def mach_of(stream: TunnelConditions) -> float:
@@ -84,6 +91,32 @@ def beyond_calibration(prior: PressureMap, temperature: NodeField, law: SternVol
         else:
             out.append(f"{g2(100 * share)} % of the nodes lie outside the paint's calibration {within}")
     return out
+
+
+def unchecked_level(
+    law: SternVolmer | TunnelGain, ratio: NodeField, temperature: NodeField, p_off: float, t_off: float,
+    stream: TunnelConditions,
+) -> str:  # fmt: skip
+    """What is in the pressure of a point unseen where no tap is compared with it, and how much that makes in Cp."""
+    words = (f"{UNCHECKED}no tap is compared with it, and lamps, exposure or dark level that changed between wind-off "
+             "and wind-on are in it unseen")  # fmt: skip
+    on = ratio.known & temperature.known
+    if not isinstance(law, SternVolmer) or not on.any():
+        return words
+    slope = law.invert(ratio.value[on], temperature.value[on], p_off=p_off, t_off=t_off).by_ratio * ratio.value[on]
+    return f"{words}: 1 % of the light is {g2(0.01 * float(np.nanmedian(np.abs(slope))) / stream.q_inf)} in Cp"
+
+
+def lacking(ratio: NodeField, prior: PressureMap, temperature: NodeField) -> list[str]:
+    """How much of what cameras show comes to no pressure, and whether it is the temperature that is missing."""
+    lost = ratio.known & ~prior.field.known
+    share = float(lost.sum()) / max(int(ratio.known.sum()), 1)
+    if share <= LITTLE:
+        return []
+    cold = float(np.mean(~temperature.known[lost]))
+    why = "nothing says the wall's temperature there" if cold > 0.5 else "the law has none for their ratio"
+    return [f"{LACKING if share > PART else ''}{g2(100 * share)} % of the nodes with a ratio have no pressure: {why}; "
+            "their loads are filled in from around"]  # fmt: skip
 
 
 def other_unit(readings: Array, prior: Array, fit: InSitu | None = None) -> str:

@@ -26,7 +26,7 @@ from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
 from windmark.tasks.psp.loads import seen_loads
 from windmark.tasks.psp.patching import patched
-from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream
+from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, lacking, unchecked_level
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
 
@@ -147,6 +147,7 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     prior = _pressure(ratio, temperature, task)
     if not prior.field.known.any():
         raise DataError(f"no node has a pressure: {_why(prior.flags, temperature, task.law)}")
+    remarks += lacking(ratio, prior, temperature)
     remarks += beyond_calibration(prior, temperature, task.law)
     pressure, fit, taps = at_taps(rest, prior.field, filled, task.taps, task.fit_taps, remarks)
     cp = pressure_coefficient(pressure, task.conditions)
@@ -154,10 +155,14 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
         raise DataError(impossible)
     if taps is not None and task.taps is not None:
         taps = in_cp(taps, task.taps, task.conditions, cp, filled, rest)
+    if taps is None or not taps.counting.any():
+        remarks.append(unchecked_level(task.law, ratio, temperature, task.p_off, task.t_off, task.conditions))
     axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
     taps_at = None if task.taps is None else task.taps.xyz
     sections = cut_sections(rest, cp, task.sections, axes, taps_at, remarks)
-    loads = None if task.reference is None else seen_loads(mesh, cp, task.reference, task.least_seen, remarks)
+    loads = None
+    if task.reference is not None:
+        loads = seen_loads(mesh, cp, task.reference, task.least_seen, remarks, seen=ratio.known)
     return ReducedPoint(
         task.name, mesh, ratio, temperature, pressure, cp, prior.flags, filled, merged, fit, taps, loads, sections,
         tuple(remarks),
