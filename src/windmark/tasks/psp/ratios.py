@@ -16,6 +16,7 @@ from windmark.tasks.psp.levels import BadPicture, Level, Reference, levels_of, t
 from windmark.tasks.psp.sampling import ModelPicture, Sampling
 from windmark.tasks.psp.scatter import Scatter
 from windmark.tasks.psp.self_lit import Change, Reflecting, own_light
+from windmark.tasks.psp.unlit import without_unlit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -58,6 +59,7 @@ class MergedRatio:
     apart : of each two cameras, see `CamerasApart`
     scatter : of the pictures of each camera and kind
     self_lit : what taking off the light that the model throws on itself changed; None where that was not asked for
+    unlit : (V,) nodes without a value because they have next to no light wind-off
     """
 
     ratio: NodeField
@@ -69,6 +71,7 @@ class MergedRatio:
     self_lit: Change | None = None
     apart: tuple[CamerasApart, ...] = ()
     scatter: tuple[Scatter, ...] = ()
+    unlit: Mask = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
 
 def ratio_of(
@@ -121,6 +124,7 @@ def ratio_of(
         WIND_ON: {name: by_camera[name] for name in names},
         WIND_OFF: {name: together([(share, of[name]) for share, of in parts if name in of], own) for name in names},
     }  # fmt: skip
+    levels[WIND_OFF], unlit = without_unlit(levels[WIND_OFF], how)
     flicker, factor = _flicker(levels, flicker)
     fields = {kind: _as_fields(of, kind) for kind, of in levels.items()}
     cameras = {}
@@ -149,7 +153,7 @@ def ratio_of(
         ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
     scatter = tuple(s for of in levels.values() for level in of.values() for s in level.scatter)
     return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change, merged.apart,
-                       scatter)  # fmt: skip
+                       scatter, unlit)  # fmt: skip
 
 
 def _as_parts(off: Sequence[ModelPicture] | Iterable[Reference]) -> Iterable[Reference]:

@@ -29,6 +29,7 @@ from windmark.tasks.psp.patching import patched
 from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, lacking, unchecked_level
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
+from windmark.tasks.psp.unlit import unlit_words
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -142,6 +143,7 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     situ), Cp, sections, loads. Errors that nodes share go along as modes (`NodeField`).
     """
     remarks: list[str] = [f"{name} does not count: {why}" for name, why in merged.left_out.items()]
+    remarks += unlit_words(rest, merged.unlit, merged.ratio.known)
     ratio, filled = patched(rest, merged.ratio, task.patches, task.polygons, remarks)
     temperature = _temperature(rest, ratio.known, task, remarks)
     prior = _pressure(ratio, temperature, task)

@@ -1,0 +1,61 @@
+"""Surface without light or paint has no pressure: what light it has others throw on it."""
+
+import numpy as np
+
+from windmark.geometry import Camera, Pose
+from windmark.scene import Mesh, structured_triangles
+from windmark.tasks.psp import ModelPicture, Patches, Sampling, ratio_of
+from windmark.tasks.psp.unlit import unlit_words
+
+CAMERA = Camera((160, 120), 200.0)
+ABOVE = Pose.look_at(np.array([0.0, 0.0, 100.0]), np.zeros(3), [0.0, 1.0, 0.0])
+
+
+def two_plates():
+    """A wing and, beside it, a body: 15 x 15 nodes each, two pixels per unit."""
+    n, parts, faces = 15, [], []
+    for k, left in enumerate((-36.0, 2.0)):
+        x, y = np.meshgrid(np.linspace(left, left + 34, n), np.linspace(-20, 20, n))
+        parts.append(np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]))
+        faces.append(structured_triangles(n, n) + k * n * n)
+    triangles = np.concatenate(faces)
+    names = np.repeat(["wing", "body"], len(faces[0]))
+    return Mesh.make(np.concatenate(parts), triangles, names)
+
+
+def pictures(light, mesh):
+    moves = np.zeros((len(mesh.vertices), 3, 1))
+    return [ModelPicture("a", "cam1", light, np.full(light.shape, 1e-4), CAMERA, ABOVE, mesh, moves)]
+
+
+def shares(body, wing=1000.0):
+    """Light of the picture's left half and of its right half."""
+    out = np.full((120, 160), wing)
+    out[:, 80:] = body
+    return out
+
+
+def test_what_is_not_lit_gets_no_value_and_is_named():
+    mesh = two_plates()
+    got = ratio_of(pictures(shares(30.0, 800.0), mesh), pictures(shares(30.0), mesh))
+    wing, body = np.split(np.arange(len(mesh.vertices)), 2)
+    assert np.isfinite(got.ratio.value[wing]).sum() > 100
+    assert not np.isfinite(got.ratio.value[body]).any()
+    assert got.unlit[body].sum() > 100
+    assert not got.unlit[wing].any()
+    (said,) = unlit_words(mesh, got.unlit, got.ratio.known)
+    assert said.startswith("100 % of body that cameras show has less than a twentieth of the bright parts' light")
+
+
+def test_dim_paint_has_values_and_markers_are_not_meant():
+    mesh = two_plates()
+    got = ratio_of(pictures(shares(60.0), mesh), pictures(shares(60.0), mesh))
+    assert not got.unlit.any()
+    assert unlit_words(mesh, got.unlit, got.ratio.known) == []
+    light = shares(1000.0)
+    light[55:66, 30:41] = 5.0  # a marker on the wing
+    centre = ABOVE.inverse().apply(np.array([[(35 - 79.5) / 2, (60 - 59.5) / 2, 100.0]]))
+    disc = Patches(mesh, np.atleast_2d(centre) * [1, 1, 0], np.array([4.5]), np.array([[0.0, 0.0, 1.0]]))
+    for how in (Sampling(), Sampling(patches=disc)):
+        dark = ratio_of(pictures(light, mesh), pictures(light, mesh), how=how).unlit
+        assert dark.any() == (how.patches is None)
