@@ -7,7 +7,7 @@ from windmark.paint.carry import Carried, carried, dominant, fewer_modes
 from windmark.paint.cell_fit import PaintFit, fit_paint
 from windmark.paint.cp import TunnelConditions, pressure_coefficient
 from windmark.paint.emissivity import EmissivityTable, dielectric_emissivity
-from windmark.paint.filling import fill_smoothly
+from windmark.paint.filling import fill_smoothly, stranded
 from windmark.paint.flux_operator import FluxOperator, before_start, flux_operator
 from windmark.paint.form_factors import FormFactors, form_factors
 from windmark.paint.heat_flux import HeatFlux, heat_flux
@@ -51,5 +51,6 @@ __all__ = [
     "interpolated", "lateral_conductance", "lateral_conduction", "load_operator", "mean_dark", "mean_flat",
     "mean_reference", "merge_cameras", "node_laplacian", "node_shares", "photon_transfer", "polygon_nodes",
     "pressure_coefficient", "pressure_map", "recovery_temperature", "reference_at", "reference_shares",
-    "remove_self_illumination", "section_profile", "span_loading", "surface_temperature", "thermocouple_temperature",
+    "remove_self_illumination", "section_profile", "span_loading", "stranded", "surface_temperature",
+    "thermocouple_temperature",
 ]  # fmt: skip

@@ -66,14 +66,9 @@ def _sums(values: Array, on: Mask, at: Ints, count: int) -> Array:
 
 def _solve(surface: Surface, lap: Any, areas: Array, free: Mask, known: Mask, places: Array, spread: Array) -> None:
     """Fill ``places`` (P, 1 + K) and ``spread`` (P,) at the free places."""
-    from scipy.sparse.csgraph import connected_components
-
     full = _without(lap, ~(free | known))
     f = np.flatnonzero(free)
-    part = connected_components(full[f][:, f], directed=False)[1]
-    edge = full[f][:, np.flatnonzero(known)].tocoo()
-    ring = np.unique(np.stack([part[edge.row], np.flatnonzero(known)[edge.col]]), axis=1)
-    round_it = np.bincount(ring[0], minlength=int(part.max()) + 1)
+    part, round_it = _parts(full, f, known)
     if (round_it == 0).any():
         raise DataError(
             f"fill: {int((round_it[part] == 0).sum())} of the missing nodes hang together with no node that has a value"
@@ -85,6 +80,31 @@ def _solve(surface: Surface, lap: Any, areas: Array, free: Mask, known: Mask, pl
         _patches(full, areas, f[small], known, places, spread)
     if not small.all():
         _holes(full, f[~small], known, places, spread)
+
+
+def _parts(full: Any, f: Ints, known: Mask) -> tuple[Ints, Ints]:
+    """Which of the free places ``f`` hang together (F,), and how many known places lie round each such part."""
+    from scipy.sparse.csgraph import connected_components
+
+    part = connected_components(full[f][:, f], directed=False)[1]
+    edge = full[f][:, np.flatnonzero(known)].tocoo()
+    ring = np.unique(np.stack([part[edge.row], np.flatnonzero(known)[edge.col]]), axis=1)
+    return part, np.bincount(ring[0], minlength=int(part.max()) + 1)
+
+
+def stranded(mesh: Mesh, field: NodeField, missing: Mask) -> Mask:
+    """Which of the ``missing`` nodes (V,) hang together with no node that has a value: `fill_smoothly` refuses them."""
+    surface = joined_surface(mesh)
+    at, lap = surface.place, surface.laplacian[0]
+    known, free = np.zeros((2, lap.shape[0]), bool)
+    known[at[field.known & ~missing & (at >= 0)]] = True
+    free[at[missing & (at >= 0)]] = True
+    free &= ~known
+    f, alone = np.flatnonzero(free), np.zeros(lap.shape[0], bool)
+    if len(f):
+        part, round_it = _parts(_without(lap, ~(free | known)), f, known)
+        alone[f] = round_it[part] == 0
+    return np.asarray(missing & (at >= 0) & alone[at])
 
 
 def _without(lap: Any, out: Mask) -> Any:

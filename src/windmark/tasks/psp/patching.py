@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import DataError
-from windmark.paint import NodeField, disc_nodes, fill_patches, polygon_nodes
+from windmark.paint import NodeField, disc_nodes, fill_patches, polygon_nodes, stranded
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -39,11 +39,21 @@ def patched(
     blind = (patch >= 0) & ~seen
     field = replace(field, value=np.where(blind, np.nan, field.value))
     patch[blind] = -1
+    return _filled(rest, field, patch, remarks)
+
+
+def _filled(rest: Mesh, field: NodeField, patch: NDArray[np.int64], remarks: list[str]) -> tuple[NodeField, Mask]:
+    """`patched` by numbers (V,) of the patches, -1 for none."""
     if not (patch >= 0).any():
         return field, np.zeros(len(field), bool)
     try:
         done = fill_patches(rest, field, patch)
     except DataError as error:
+        # A marker at the rim of what is seen may be near to nodes of another part only: the others are filled still.
+        alone = stranded(rest, field, patch >= 0)
+        if alone.any():
+            patch[alone] = -1
+            return _filled(rest, replace(field, value=np.where(alone, np.nan, field.value)), patch, remarks)
         remarks.append(f"markers, taps and polygons are left without values: {error}")
         return replace(field, value=np.where(patch >= 0, np.nan, field.value)), np.zeros(len(field), bool)
     return done.field, np.asarray(done.filled)
