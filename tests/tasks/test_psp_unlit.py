@@ -44,7 +44,7 @@ def test_what_is_not_lit_gets_no_value_and_is_named():
     assert got.unlit[body].sum() > 100
     assert not got.unlit[wing].any()
     (said,) = unlit_words(mesh, got.unlit, got.ratio.known)
-    assert said.startswith("100 % of body that cameras show has less than a twentieth of the bright parts' light")
+    assert said.startswith("100 % of body that cameras show has next to none of the bright parts' light")
 
 
 def test_dim_paint_has_values_and_markers_are_not_meant():
@@ -59,3 +59,16 @@ def test_dim_paint_has_values_and_markers_are_not_meant():
     for how in (Sampling(), Sampling(patches=disc)):
         dark = ratio_of(pictures(light, mesh), pictures(light, mesh), how=how).unlit
         assert dark.any() == (how.patches is None)
+
+
+def test_dim_surface_that_goes_over_into_unlit_one_is_part_of_it():
+    """In the corner beside a lit wing an unlit body has a tenth of its light: what the wing throws on it."""
+    mesh = two_plates()
+    light = shares(0.0)
+    light[:, 80:] = 20 + 100 * np.exp(-np.arange(80) / 15)
+    unlit = ratio_of(pictures(light, mesh), pictures(light, mesh)).unlit
+    body = np.arange(len(mesh.vertices)) >= len(mesh.vertices) // 2
+    assert unlit[body].sum() > 100
+    assert not np.isfinite(ratio_of(pictures(light, mesh), pictures(light, mesh)).ratio.value[body]).any()
+    light[:, 80:] = np.maximum(light[:, 80:], 60)  # a lamp grazes it
+    assert not ratio_of(pictures(light, mesh), pictures(light, mesh)).unlit.any()

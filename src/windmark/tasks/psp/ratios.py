@@ -124,7 +124,8 @@ def ratio_of(
         WIND_ON: {name: by_camera[name] for name in names},
         WIND_OFF: {name: together([(share, of[name]) for share, of in parts if name in of], own) for name in names},
     }  # fmt: skip
-    levels[WIND_OFF], unlit = without_unlit(levels[WIND_OFF], how)
+    whole = levels[WIND_OFF]
+    levels[WIND_OFF], unlit = without_unlit(whole, how, on[0].mesh)
     flicker, factor = _flicker(levels, flicker)
     fields = {kind: _as_fields(of, kind) for kind, of in levels.items()}
     cameras = {}
@@ -148,8 +149,12 @@ def ratio_of(
         raise DataError("no node of the grid is seen both with wind and without")
     ratio, change = merged.field, None
     if reflecting is not None:
+        # Unlit surface has no ratio, but its light is known: next to nothing is thrown by it.
+        fields[WIND_OFF] = _as_fields(whole, WIND_OFF)
         lights = {kind: {name: _as_it_left(fields[kind][name], levels[kind][name].lamps) for name in names}
                   for kind in levels}  # fmt: skip
+        for taper, name in zip(tapers, names, strict=True):
+            taper[unlit] = np.minimum(levels[WIND_ON][name].weight, whole[name].weight)[unlit]
         ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
     scatter = tuple(s for of in levels.values() for level in of.values() for s in level.scatter)
     return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change, merged.apart,

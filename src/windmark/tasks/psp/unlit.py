@@ -16,13 +16,14 @@ from windmark.tasks.psp.sampling import Sampling
 
 Mask = NDArray[np.bool_]
 
-UNLIT = 0.05
+UNLIT, DIM = 0.05, 0.15
 """Of the light that the bright tenth of a camera's nodes has at least, wind-off. Paint throws some per cent of its
-light on what is beside it (up to 12 % in a corner of reflectivity 0.5): what has no more tells the pressure there."""
+light on what is beside it, up to 12 % in a corner of reflectivity 0.5: what has no more tells the pressure there. Dim
+surface that goes over into unlit one is its brighter part."""
 
 
-def without_unlit(levels: Mapping[str, Level], how: Sampling) -> tuple[dict[str, Level], Mask]:
-    """Each camera's light wind-off without the nodes that have next to none, and (V,) where no camera is left for that.
+def without_unlit(levels: Mapping[str, Level], how: Sampling, mesh: Mesh) -> tuple[dict[str, Level], Mask]:
+    """Each camera's light wind-off without the nodes of a mesh with next to none; (V,) where no camera is left then.
 
     What is known not to be paint (``how.patches``) is dark by itself and not meant.
     """
@@ -31,11 +32,25 @@ def without_unlit(levels: Mapping[str, Level], how: Sampling) -> tuple[dict[str,
     for name, of in levels.items():
         known = np.isfinite(of.value)
         typical = quantile(of.value[known], 0.9) if known.any() else 0.0
-        bright = known & (of.value >= UNLIT * typical)
+        share = of.value / typical if typical > 0 else np.where(known, 1.0, np.nan)
+        bright = known & ~_beside(mesh, share < DIM, share < UNLIT)
         seen, lit = seen | known, lit | bright
         out[name] = of if bright.sum() == known.sum() else replace(of, value=np.where(bright, of.value, np.nan))
     dark = np.asarray(seen & ~lit)
     return out, dark if how.patches is None else dark & ~how.patches.nodes
+
+
+def _beside(mesh: Mesh, dim: Mask, unlit: Mask) -> Mask:
+    """Nodes (V,) that are unlit, and dim ones that hang together with them."""
+    if not unlit.any():
+        return unlit
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    edge = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]]])
+    edge = edge[dim[edge].all(axis=1)]
+    part = connected_components(coo_array((np.ones(len(edge)), edge.T), shape=(len(dim),) * 2), directed=False)[1]
+    return np.asarray(dim & np.isin(part, np.unique(part[unlit])))
 
 
 def unlit_words(rest: Mesh, unlit: Mask, known: Mask) -> list[str]:
@@ -48,6 +63,6 @@ def unlit_words(rest: Mesh, unlit: Mask, known: Mask) -> list[str]:
         share = 100 * float((own & unlit).sum() / max((own & (unlit | known)).sum(), 1))
         parts.append(f"{share:.0f} % of {name}" if name else f"{share:.0f} %")
     return [
-        f"{' and '.join(parts)} that cameras show has less than a twentieth of the bright parts' light wind-off: no "
+        f"{' and '.join(parts)} that cameras show has next to none of the bright parts' light wind-off: no "
         "lamp shines there, or there is no paint; what light it has others throw on it, and it gets no value"
     ]
