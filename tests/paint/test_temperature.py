@@ -12,6 +12,7 @@ from windmark.paint import (
     given_temperature,
     recovery_temperature,
     thermocouple_temperature,
+    varying,
 )
 
 
@@ -109,3 +110,17 @@ def test_temperature_paint_refusals():
     assert "does not rise" in fit_temperature_paint(t, np.linspace(2, 1, 9), t_ref=300.0, order=1).reason
     with pytest.raises(UsageError, match="does not rise"):
         TemperaturePaint(np.array([0.0, -0.01]), 300.0, (280.0, 320.0))
+
+
+def test_a_wall_that_varies_has_an_error_that_neighbours_share_and_distant_places_do_not():
+    places = np.column_stack([np.linspace(0, 10, 101), np.zeros((101, 2))])
+    wall = varying(given_temperature(300.0, 0.1, count=101), places, spread=1.0, length=1.0)
+    np.testing.assert_allclose(wall.sigma, np.sqrt(1.01), rtol=1e-6)
+    shared = wall.modes @ wall.modes.T
+    assert shared[50, 51] > 0.9
+    assert abs(shared[20, 80]) < 0.1
+    np.testing.assert_allclose(shared[50, 60], np.exp(-0.5), atol=0.1)
+    unseen = np.where(np.arange(101)[:, None] < 50, places, np.nan)
+    half = varying(given_temperature(300.0, 0.1, count=101), unseen, spread=1.0, length=1.0)
+    assert not half.modes[50:].any()
+    np.testing.assert_allclose(half.sigma, np.sqrt(1.01), rtol=1e-6)

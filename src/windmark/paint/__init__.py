@@ -34,7 +34,7 @@ from windmark.paint.refusal import NotFitted
 from windmark.paint.sections import SECTION_LOADS, SectionProfile, SpanLoading, section_profile, span_loading
 from windmark.paint.sensor_radiance import SensorRadiance, fit_sensor_radiance
 from windmark.paint.stern_volmer import FLAGS, Inversion, SternVolmer
-from windmark.paint.temperature import given_temperature, recovery_temperature, thermocouple_temperature
+from windmark.paint.temperature import given_temperature, recovery_temperature, thermocouple_temperature, varying
 from windmark.paint.temperature_paint import TemperaturePaint, fit_temperature_paint
 from windmark.paint.walls import Layer, Wall
 
@@ -52,5 +52,5 @@ __all__ = [
     "mean_reference", "merge_cameras", "node_laplacian", "node_shares", "photon_transfer", "polygon_nodes",
     "pressure_coefficient", "pressure_map", "recovery_temperature", "reference_at", "reference_shares",
     "remove_self_illumination", "section_profile", "span_loading", "stranded", "surface_temperature",
-    "thermocouple_temperature",
+    "thermocouple_temperature", "varying",
 ]  # fmt: skip

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -173,16 +174,60 @@ def thermocouple_temperature(
     mean = float(ones @ inverse @ t / (ones @ inverse @ ones))
     value = _blocks(node, lambda x: mean + power * alike(x, at, length) @ (inverse @ (t - mean)))
     own, error = _errors(node, at, anchor, inverse, power, length)
-    axes = principal_axes(error)
-    kept = axes[:, :COLUMNS]
-    # The error at a node, given that at the anchors: linear in it, and independent of it for the rest.
-    gain = np.linalg.solve(error + 1e-9 * power * np.eye(len(anchor)), kept)
-    modes = np.concatenate([_cross(x, at, anchor, inverse, power, length) @ gain for x in _cut(node)])
-    rest = np.maximum(own - (modes**2).sum(axis=1), 0.0)
-    names = tuple(f"{cause}:{k + 1}" for k in range(kept.shape[1]))
-    out = NodeField(value, np.where(np.isfinite(value), rest, 0.0), np.where(np.isfinite(value)[:, None], modes, 0.0),
-                    names, unit)  # fmt: skip
+    out = _with_error(
+        NodeField.make(value, unit=unit), node, own, error, power,
+        lambda x: _cross(x, at, anchor, inverse, power, length), cause,
+    )  # fmt: skip
     return out.with_mode(f"{cause} common", common_sigma) if common_sigma else out
+
+
+def varying(field: NodeField, xyz: ArrayLike, *, spread: float, length: float, cause: str = "wall") -> NodeField:
+    """A temperature from which the wall's differs by place: the covariance spread^2 exp(-d^2 / (2 length^2)).
+
+    Parameters
+    ----------
+    field : (N) the temperature
+    xyz : (N, 3) nodes; where they are NaN the variation counts as independent
+    spread, length : standard deviation, and the distance over which it keeps about its value
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import windmark as wm
+    >>> from windmark.paint import varying
+    >>> nodes = np.column_stack([np.linspace(0, 1, 5), np.zeros((5, 2))])
+    >>> wall = varying(wm.given_temperature(295.0, count=5), nodes, spread=0.8, length=0.3)
+    >>> wall.sigma.round(2).tolist(), len(wall.names) > 1
+    ([0.8, 0.8, 0.8, 0.8, 0.8], True)
+    """
+    node = np.asarray(xyz, dtype=float)
+    here = np.isfinite(node).all(axis=1)
+    if not here.any():
+        return field
+    anchor, power = _spread_out(node[here], ANCHORS), spread**2
+    return _with_error(
+        field, node, np.full(len(node), power), power * alike(anchor, anchor, length), power,
+        lambda x: power * alike(x, anchor, length), cause,
+    )  # fmt: skip
+
+
+def _with_error(
+    field: NodeField, node: Array, own: Array, error: Array, power: float, cross: Callable[[Array], Array], cause: str
+) -> NodeField:
+    """A field with an error whose variances (N,) at the nodes and covariance (A, A) at the anchors are known.
+
+    ``cross`` gives the covariance of that at some places with that at the anchors; ``power`` is its size. The error at
+    a node, given that at the anchors, is linear in it, and independent of it for the rest.
+    """
+    kept = principal_axes(error)[:, :COLUMNS]
+    gain = np.linalg.solve(error + 1e-9 * power * np.eye(len(error)), kept)
+    modes = np.nan_to_num(np.concatenate([cross(x) @ gain for x in _cut(node)]))
+    rest, known = np.maximum(own - (modes**2).sum(axis=1), 0.0), field.known
+    return replace(
+        field, white=field.white + np.where(known, rest, 0.0),
+        modes=np.column_stack([field.modes, np.where(known[:, None], modes, 0.0)]),
+        names=(*field.names, *(f"{cause}:{k + 1}" for k in range(kept.shape[1]))),
+    )  # fmt: skip
 
 
 def _cut(node: Array) -> list[Array]:

@@ -20,6 +20,7 @@ from windmark.paint import (
     pressure_coefficient,
     recovery_temperature,
     thermocouple_temperature,
+    varying,
 )
 from windmark.scene import Mesh
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
@@ -200,7 +201,10 @@ def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) ->
         raise DataError("the temperature is missing: recovery needs the Mach number and T0")
     if wells is not None:
         remarks.append("no thermocouple has a reading: the wall's temperature is that of recovery")
-    return recovery_temperature(task.conditions, count, recovery=task.recovery, t_0_sigma=task.wall_sigma)
+    even = recovery_temperature(task.conditions, count, recovery=task.recovery, t_0_sigma=task.wall_sigma)
+    # Real walls differ from recovery by place, too: what feeds heat into them, and where the layer is laminar.
+    places = np.where(seen[:, None], rest.vertices, np.nan)
+    return varying(even, places, spread=task.wall_sigma, length=task.wall_length or WALL * rest.diagonal)
 
 
 def _why(flags: NDArray[np.uint8], temperature: NodeField, law: SternVolmer | TunnelGain) -> str:
