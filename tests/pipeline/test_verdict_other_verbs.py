@@ -11,6 +11,7 @@ from windmark import io, resection, synth
 from windmark.geometry import Pose
 from windmark.pipeline.at_pose import AtPose, markers_at_pose
 from windmark.pipeline.job import run_project
+from windmark.pipeline.misfits import misfits, with_misfits
 from windmark.pipeline.project import read_project
 from windmark.pipeline.results import ImageResult
 from windmark.pipeline.simulate_cameras import camera_shots
@@ -180,6 +181,46 @@ def test_a_picture_that_was_written_twice_is_named(tunnel):
     verdict = track_verdict([a, b, replace(b, name="again", index=2), c], "mm")
     assert (verdict.word, verdict.cause) == (DOUBTFUL, "file")
     assert "again is f1 once more" in verdict.reason
+
+
+def series(excess, spot=0.01, matched=30):
+    """Rows of images with so much misfit each."""
+    none = (np.zeros(0, np.int64), np.zeros((0, 4)))
+    return [
+        PoseRow(k, f"f{k}", float(k), "tracked", "", True, 0.0, matched, matched, e, np.zeros(6), np.ones(6),
+                Pose.identity(), none, excess_px=e, spot_px=spot)
+        for k, e in enumerate(excess)
+    ]  # fmt: skip
+
+
+def test_one_torn_image_of_a_sequence_is_named_in_verdict_and_row():
+    """"all 100 images have a pose, residuals are the spots' noise", and that one's is 19 sigmas off."""
+    rows = series([0.0] * 99 + [0.17])
+    verdict = track_verdict(rows, "mm")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "picture")
+    assert "f99: residuals of 0.17 px per coordinate, 17 times its spots' sigma" in verdict.reason
+    reasons = [row.reason for row in with_misfits(rows)]
+    assert "torn" in reasons[99]
+    assert not any(reasons[:99])
+    # A small tear stands out from its neighbours.
+    assert list(misfits(series([0.0] * 5 + [0.05] + [0.0] * 4))) == [5]
+
+
+def test_half_of_the_images_may_be_torn_and_no_table_is_blamed():
+    verdict = track_verdict(series([0.01, 0.02, 0.02, 0.25, 0.24, 0.3]), "mm")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "picture")
+    assert "f5 (and 2 more of 6 images)" in verdict.reason
+
+
+def test_images_that_noise_or_what_all_have_in_common_explains_do_not_stand_out():
+    # What 6 markers of 1000 images make of noise: the largest of the misfits is twice the noise and more.
+    rng = np.random.default_rng(0)
+    excess = np.sqrt(np.maximum(rng.chisquare(6, 1000) / 6 - 1, 0)) * 0.1
+    assert excess.max() > 0.15
+    assert misfits(series(excess, spot=0.1, matched=6)) == {}
+    assert track_verdict(series(np.linspace(0.0, 0.09, 50)), "mm").word == GOOD  # a lens, and a model that moves
+    assert misfits(series([0.2] * 20 + [0.25] * 5)) == {}  # a table that is off is told by the verdict, of all
+    assert misfits(series([0.3])) == {}
 
 
 def test_mirrored_pictures_of_a_sequence_are_named(tunnel):

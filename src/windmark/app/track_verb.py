@@ -24,6 +24,7 @@ from windmark.geometry import Camera
 from windmark.io.errors import noted
 from windmark.pipeline.grid import curved_by
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.misfits import with_misfits
 from windmark.pipeline.same_run import made_with, with_all
 from windmark.pipeline.track_files import FollowOptions, first_state
 from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
@@ -92,6 +93,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
             say=lambda row: show(f"{row.name}: {row.status}"),
         )  # fmt: skip
         show("write")
+        series.rows = with_misfits(series.rows)
         rows, last = series.rows, series.last
         record = {
             **sequence_summary(rows, camera, unit), "seconds": job_time() - start, "folder": wishes.output,

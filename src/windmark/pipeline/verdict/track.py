@@ -9,8 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from windmark.errors import g1, g2
+from windmark.pipeline.misfits import lower_middle, misfits
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.doubts import STEPS
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, series_blur, series_fields
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import what_is_left
@@ -28,7 +30,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str, first: PictureState | None
             return Verdict.of([replace(f, word=BAD, reason=f"{reason}; {f.reason}") for f in seen], 1, "", "")
         return bad_series("no match", reason, "run windmark register on one image first")
     found = lost_findings([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
-    found += [*_misfit(good, unit), *_bent(good)]
+    found += [*_misfit(good, unit), *_standing_out(good), *_bent(good)]
     found += series_blur(("", r.blur_px, r.radius_px) for r in good)
     found += series_fields(("", r.fields_px) for r in good)
     found += [*_few(good), *_missing(good), *_copies(rows)]
@@ -44,7 +46,7 @@ def track_verdict(rows: Sequence[PoseRow], unit: str, first: PictureState | None
 
 def _misfit(good: Sequence[PoseRow], unit: str) -> list[Finding]:
     """Residuals that are no noise: the pattern of another lens, or markers that are off their table."""
-    excess, spot = (middle([getattr(r, k) for r in good]) for k in ("excess_px", "spot_px"))
+    excess, spot = lower_middle([r.excess_px for r in good]), middle([r.spot_px for r in good])
     if not excess > rules.NOISE_TIMES * spot:
         return []
     typical = sorted(good, key=lambda r: r.other.lead)[len(good) // 2]
@@ -63,6 +65,16 @@ def _misfit(good: Sequence[PoseRow], unit: str) -> list[Finding]:
             "measure the markers (windmark reconstruct), or calibrate the lens",
         )
     ]  # fmt: skip
+
+
+def _standing_out(good: Sequence[PoseRow]) -> list[Finding]:
+    """Images that do not fit as the others do: one is enough, its pose is off by what no sigma of it has."""
+    found = list(misfits(good).values())
+    if not found:
+        return []
+    worst = max(found, key=lambda m: m.each_px / m.others_px)
+    more = f" (and {len(found) - 1} more of {len(good)} images)" if len(found) > 1 else ""
+    return [Finding(DOUBTFUL, "picture", f"{worst.name}{more}: {worst.words}", STEPS["picture"])]
 
 
 def _bent(good: Sequence[PoseRow]) -> list[Finding]:
