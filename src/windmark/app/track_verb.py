@@ -85,6 +85,9 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     motion = Motion(float(np.radians(change[0])), change[1] / 100)
     how = FollowOptions(**options, motion=motion, prior=prior, mask=mask)
     images = io.pictures(wishes.images)
+    notes = io.notes_of(images)
+    for address, text in notes:
+        console.note(Path(address), text)
     instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
     start, made = job_time(), _made_with(wishes, options, change, map(Path, read))
     with console.progress(len(images)) as show, series_folder(wishes.output, go_on) as (out, go_on):
@@ -97,7 +100,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
         rows, last = series.rows, series.last
         record = {
             **sequence_summary(rows, camera, unit), "seconds": job_time() - start, "folder": wishes.output,
-            "polarity": series.polarity,
+            "polarity": series.polarity, "notes": [f"{address}: {text}" for address, text in notes],
         }  # fmt: skip
         verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None)
         record["verdict"] = verdict.record()
@@ -181,6 +184,8 @@ def _page(
     )
     if record["unchecked"]:
         report.listed("The images cannot tell:", (u["words"] for u in record["unchecked"]), "soft")
+    for note in record["notes"]:
+        report.text(note, "soft")
     for row in rows:
         if row.status == "lost":
             report.text(f"{row.name}: {row.reason}", "bad")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from glob import glob
 from pathlib import Path
@@ -83,8 +83,11 @@ def frames_on_disk(project: DeformProject, recorded: Mapping[str, Array] | None 
 def instants_of(project: DeformProject, recorded: Mapping[str, Array] | None = None) -> Timeline:
     """`frames_on_disk` with the camera that gives the instants and with what is odd about the clocks."""
     found = {c.name: _images(project, i, c) for i, c in enumerate(project.camera)}
+    files = [file for images in found.values() for file in images.values()]
+    notes = tuple(f"{address}: {text}" for address, text in io.notes_of(files))
     if recorded or any(c.has_clock for c in project.camera):
-        return timeline(project, found, {**_stamps(project, found), **(recorded or {})})
+        out = timeline(project, found, {**_stamps(project, found), **(recorded or {})})
+        return replace(out, remarks=(*out.remarks, *notes))
     keys = sorted({k for images in found.values() for k in images}, key=order)
     kind = kind_of(keys)
     frames = []
@@ -92,7 +95,7 @@ def instants_of(project: DeformProject, recorded: Mapping[str, Array] | None = N
         instant = instant_of(key, kind, keys[0], n)
         images = {name: own[key] for name, own in found.items() if key in own}
         frames.append(FrameImages(key, instant, images, time_s=instant if kind == "stamp" else float("nan")))
-    return Timeline(frames, "", tuple(said_of(keys, project.sequence.rate_hz)))
+    return Timeline(frames, "", (*said_of(keys, project.sequence.rate_hz), *notes))
 
 
 def _stamps(project: DeformProject, found: Mapping[str, Mapping[str, io.PictureFile]]) -> dict[str, Array]:
