@@ -452,6 +452,11 @@ def test_one_picture_that_is_there_twice_is_said_of_any_series():
     assert (found.word, found.cause) == (DOUBTFUL, "file")
     assert found.reason.startswith("cam1 shows in frame 40 what it showed before")
     assert not followed_findings(instants[:40], "mm")
+    both = [*instants, Followed("frame 100", {"cam1": copy, "cam2": copy, "cam3": copy})]
+    (found,) = followed_findings(both[60:], "mm")
+    assert found.reason.startswith("cam1, cam2 and cam3 show in frame 100 what they showed before")
+    assert "more such" not in found.reason
+    assert "and 3 more such" in followed_findings(both, "mm")[0].reason
 
 
 def test_what_following_found_is_said_of_every_series():
