@@ -36,13 +36,13 @@ def gaps_between(stamps: Sequence[int], *, rounded: bool = False) -> dict[int, i
     return {int(k) + 1: int(times[k]) - 1 for k in np.flatnonzero(times > 1)}
 
 
-def said_of(gaps: dict[int, int], keys: NDArray[np.int64], count: int) -> str:
+def said_of(gaps: dict[int, int], keys: NDArray[np.int64] | None, count: int) -> str:
     """The gaps in words, and which frames may be wrong by them; "" for none.
 
     Parameters
     ----------
     gaps : see `gaps_between`
-    keys : frames that are coded by themselves, increasing
+    keys : frames that are coded by themselves, increasing; None where frames say themselves what they lack
     count : frames of the film
     """
     if not gaps:
@@ -50,6 +50,8 @@ def said_of(gaps: dict[int, int], keys: NDArray[np.int64], count: int) -> str:
     where = [f"{n} before frame {k}" for k, n in list(gaps.items())[:TOLD]]
     more = f" and {len(gaps) - TOLD} more places" if len(gaps) > TOLD else ""
     said = f"by its time stamps the film lacks pictures: {', '.join(where)}{more}"
+    if keys is None:
+        return said
     coded = [(k, _next(keys, k, count)) for k in gaps if k not in keys]
     if not coded:
         return said

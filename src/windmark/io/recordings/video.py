@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from windmark.io.errors import FileError
 from windmark.io.recordings.base import Image, Recording, check_size
 from windmark.io.recordings.container import check_whole
 from windmark.io.recordings.gaps import gaps_between, said_of
+from windmark.io.recordings.h264 import Coded, Numbering
 from windmark.io.text import Pathlike
 
 _LOSSLESS = (
@@ -20,6 +21,15 @@ _LOSSLESS = (
 )  # fmt: skip
 _GREY = {"gray": "gray", "gray8": "gray", "gray8a": "gray", "ya8": "gray", "monow": "gray", "monob": "gray"}
 _MOST_PIXELS = 400_000_000
+
+
+class _Packet(NamedTuple):
+    """Its frame's time stamp; whether that is a key frame, is shown, and what it says of itself (H.264)."""
+
+    stamp: Any
+    key: bool
+    shown: bool
+    coded: Coded | None
 
 
 class VideoRecording(Recording):
@@ -38,6 +48,7 @@ class VideoRecording(Recording):
         super().__init__(path)
         check_whole(path)
         self._guard = threading.Lock()
+        self._orphans: set[int] = set()
         try:
             self._av, self._file = av, av.open(str(path), mode="r")
         except MemoryError:  # FFmpeg's own word on a count that no memory could hold: it has asked for none
@@ -58,12 +69,9 @@ class VideoRecording(Recording):
         if width * height > _MOST_PIXELS:
             raise FileError(self.path, f"damaged: pictures of {width} x {height} pixels")
         codec.thread_type = "NONE"  # where slices are decoded side by side, FFmpeg does not tell of damage
-        held = [p for p in self._file.demux(self._stream) if p.size or p.dts is not None]
-        if len(held) < self._stream.frames:
-            said = f"its header tells of {self._stream.frames} pictures, it holds {len(held)}"
-            raise FileError(self.path, f"cut off or damaged: {said}; copy it again")
-        packets = [p for p in held if p.size and not p.is_discard]
-        stamps = [p.pts if p.pts is not None else p.dts for p in packets]
+        packets = self._packets()
+        shown = [p for p in packets if p.shown]
+        stamps = [p.stamp for p in shown]
         if any(s is None for s in stamps) or len(set(stamps)) != len(stamps):
             raise FileError(self.path, "its frames have no time stamps; write it again with another program")
         self._stamps = sorted(stamps)
@@ -72,6 +80,12 @@ class VideoRecording(Recording):
         if self._stream.time_base:
             base = self._stream.time_base
             self.time_s = np.array([float(s * base) for s in self._stamps])
+        gaps = gaps_between(self._stamps, rounded="matroska" in self._file.format.name)
+        numbering = self._numbering
+        numbered = numbering is not None and all(p.coded is not None for p in packets)
+        if gaps and numbering is not None and numbered:
+            orphans = numbering.orphans([p.coded for p in packets])
+            self._orphans = {p.stamp for p, orphan in zip(packets, orphans, strict=True) if orphan}
         self._at = self.count
         self._frames: Iterator[tuple[Any, bool]] = iter(())
         first = self.read(0)
@@ -81,12 +95,29 @@ class VideoRecording(Recording):
             self.noted(f"{codec.name} loses grey levels: they are not the sensor's")
         if (codec.pix_fmt or "").startswith("yuv"):
             self.noted(f"stored as {codec.pix_fmt}: colours are recomputed")
-        keys = sorted(s for s, p in zip(stamps, packets, strict=True) if p.is_keyframe)
-        gaps = gaps_between(self._stamps, rounded="matroska" in self._file.format.name)
-        self.noted(said_of(gaps, np.searchsorted(self._stamps, keys), self.count))
+        keys = np.searchsorted(self._stamps, sorted(p.stamp for p in shown if p.key))
+        self.noted(said_of(gaps, None if numbered else keys, self.count))
+
+    def _packets(self) -> list[_Packet]:
+        """What is to be known of each packet, in order of decoding; the packets themselves may not fit into memory."""
+        codec, out, held = self._stream.codec_context, list[_Packet](), 0
+        numbering = Numbering(codec.extradata) if codec.name == "h264" else None
+        self._numbering = numbering if numbering is not None and numbering.width else None
+        for p in self._file.demux(self._stream):
+            held += bool(p.size or p.dts is not None)
+            if p.size:
+                coded = None if self._numbering is None else self._numbering.of(bytes(p))
+                out.append(_Packet(p.pts if p.pts is not None else p.dts, p.is_keyframe, not p.is_discard, coded))
+        # An AVI counts pictures that were dropped, too, of which it holds nothing; its length says whether it is whole.
+        if held < self._stream.frames and "avi" not in self._file.format.name:
+            said = f"its header tells of {self._stream.frames} pictures, it holds {held}"
+            raise FileError(self.path, f"cut off or damaged: {said}; copy it again")
+        return out
 
     def read(self, number: int) -> Image:
         """One frame."""
+        if self._stamps[number] in self._orphans:
+            raise FileError(self.path, f"frame {number} is coded from one that was lost from the film")
         with self._guard:
             if not self._at < number <= self._at + 8:
                 self._seek(number)
