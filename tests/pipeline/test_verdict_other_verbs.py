@@ -206,6 +206,22 @@ def test_one_torn_image_of_a_sequence_is_named_in_verdict_and_row():
     assert list(misfits(series([0.0] * 5 + [0.05] + [0.0] * 4))) == [5]
 
 
+def test_a_picture_that_is_turned_by_half_a_turn_is_named_though_its_markers_fit():
+    every = series([0.0] * 5)
+    poses = [Pose.from_rotvec([0.1, 0.02 * k, 0.3], [0.0, 1.0, 900.0]) for k in range(5)]
+    upright = [replace(row, cam_from_model=pose) for row, pose in zip(every, poses, strict=True)]
+    assert track_verdict(upright, "mm").word == GOOD
+    half = Pose.from_rotvec([0, 0, np.pi], [0, 0, 0])
+    mixed = [replace(row, cam_from_model=half @ row.cam_from_model) if k == 2 else row for k, row in enumerate(upright)]
+    verdict = track_verdict(mixed, "mm")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "picture")
+    assert verdict.reason.startswith("f2: the picture is turned by 180 degrees against f1")
+    assert ["turned" in row.reason for row in with_misfits(mixed)] == [False, False, True, False, False]
+    # A model that rolls before the camera, a quarter of a turn from image to image, is none.
+    rolled = [Pose.from_rotvec([0, 0, 0.5 * np.pi * k], [0, 0, 0]) @ poses[0] for k in range(5)]
+    assert track_verdict([replace(r, cam_from_model=p) for r, p in zip(every, rolled, strict=True)], "mm").word == GOOD
+
+
 def test_half_of_the_images_may_be_torn_and_no_table_is_blamed():
     verdict = track_verdict(series([0.01, 0.02, 0.02, 0.25, 0.24, 0.3]), "mm")
     assert (verdict.word, verdict.cause) == (DOUBTFUL, "picture")

@@ -9,11 +9,15 @@ import numpy as np
 from scipy.stats import chi2
 
 from windmark.errors import g2
+from windmark.geometry import Pose
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
 
 CHANCE = 0.01
 """Chance, for all images together, that noise makes one of them stand out."""
+TURNED = float(np.radians(10.0))
+"""Half a turn about the camera's axis to so much: what the model moved from one image to another besides."""
+HALF_TURN = Pose.from_rotvec([0.0, 0.0, np.pi], [0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -69,15 +73,34 @@ def misfits(rows: Sequence[PoseRow]) -> dict[int, Misfit]:
     }
 
 
+def turned(rows: Sequence[PoseRow]) -> dict[int, str]:
+    """Pictures that were turned by half a turn, by their place among the rows: in words.
+
+    Where the lens is a pinhole before the middle of the picture its markers fit as well as before: the model seems to
+    stand on its head in that image. It is asked whether the pose is that of the last upright image, turned about the
+    camera's axis; where that is so in half of the images, or more, nothing says which way is up.
+    """
+    good = [(k, row.cam_from_model, row.name) for k, row in enumerate(rows) if row.cam_from_model is not None]
+    out: dict[int, str] = {}
+    upright = good[:1]  # the last one
+    for k, pose, name in good[1:]:
+        _, before, of = upright[0]
+        if (HALF_TURN @ before).angle_to(pose) < TURNED:
+            out[k] = f"the picture is turned by 180 degrees against {of}, or the model is"
+        else:
+            upright = [(k, pose, name)]
+    return out if 2 * len(out) < len(good) else {}
+
+
 def lower_middle(values: Sequence[float] | np.ndarray) -> float:
     """The median, of an even number the lower of the two in the middle: half of the images may be spoilt."""
     return float(np.sort(values)[(len(values) - 1) // 2])
 
 
 def with_misfits(rows: Sequence[PoseRow]) -> list[PoseRow]:
-    """The rows, with the reason of those that stand out."""
-    found = misfits(rows)
+    """The rows, with the reason of those that stand out or are turned."""
+    found = {k: m.words for k, m in misfits(rows).items()} | turned(rows)
     return [
-        replace(row, reason="; ".join(filter(None, [row.reason, found[k].words]))) if k in found else row
+        replace(row, reason="; ".join(filter(None, [row.reason, found[k]]))) if k in found else row
         for k, row in enumerate(rows)
     ]

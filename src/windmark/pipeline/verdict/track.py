@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from windmark.errors import g1, g2
-from windmark.pipeline.misfits import lower_middle, misfits
+from windmark.pipeline.misfits import lower_middle, misfits, turned
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.doubts import STEPS
@@ -69,12 +69,18 @@ def _misfit(good: Sequence[PoseRow], unit: str) -> list[Finding]:
 
 def _standing_out(good: Sequence[PoseRow]) -> list[Finding]:
     """Images that do not fit as the others do: one is enough, its pose is off by what no sigma of it has."""
-    found = list(misfits(good).values())
+    upside = turned(good)
+    found = [m for k, m in misfits(good).items() if k not in upside]
+    out = []
+    if upside:
+        k, said = next(iter(upside.items()))
+        more = f" (and {len(upside) - 1} more of {len(good)} images)" if len(upside) > 1 else ""
+        out = [Finding(DOUBTFUL, "picture", f"{good[k].name}{more}: {said}", "turn the picture as the others are")]
     if not found:
-        return []
+        return out
     worst = max(found, key=lambda m: m.each_px / m.others_px)
     more = f" (and {len(found) - 1} more of {len(good)} images)" if len(found) > 1 else ""
-    return [Finding(DOUBTFUL, "picture", f"{worst.name}{more}: {worst.words}", STEPS["picture"])]
+    return [*out, Finding(DOUBTFUL, "picture", f"{worst.name}{more}: {worst.words}", STEPS["picture"])]
 
 
 def _bent(good: Sequence[PoseRow]) -> list[Finding]:
