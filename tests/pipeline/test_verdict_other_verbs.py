@@ -222,6 +222,15 @@ def test_a_picture_that_is_turned_by_half_a_turn_is_named_though_its_markers_fit
     assert track_verdict([replace(r, cam_from_model=p) for r, p in zip(every, rolled, strict=True)], "mm").word == GOOD
 
 
+@pytest.mark.parametrize("words", ["frame 3 is coded from one that was lost from the film",
+                                   "damaged: frame 4 is not whole, or a frame that it is coded from"])  # fmt: skip
+def test_frames_that_a_film_lost_are_the_files_fault(words):
+    lost = replace(series([0.0])[0], cam_from_model=None, status="lost", reason=f"a.mp4: {words}")
+    verdict = track_verdict([*series([0.0] * 5), lost], "mm")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "file")
+    assert "copy the film from the camera again" in verdict.next_step
+
+
 def test_half_of_the_images_may_be_torn_and_no_table_is_blamed():
     verdict = track_verdict(series([0.01, 0.02, 0.02, 0.25, 0.24, 0.3]), "mm")
     assert (verdict.word, verdict.cause) == (DOUBTFUL, "picture")
