@@ -49,6 +49,7 @@ class VideoRecording(Recording):
         check_whole(path)
         self._guard = threading.Lock()
         self._orphans: set[int] = set()
+        self._gaps: dict[int, int] = {}
         try:
             self._av, self._file = av, av.open(str(path), mode="r")
         except MemoryError:  # FFmpeg's own word on a count that no memory could hold: it has asked for none
@@ -80,7 +81,7 @@ class VideoRecording(Recording):
         if self._stream.time_base:
             base = self._stream.time_base
             self.time_s = np.array([float(s * base) for s in self._stamps])
-        gaps = gaps_between(self._stamps, rounded="matroska" in self._file.format.name)
+        self._gaps = gaps = gaps_between(self._stamps, rounded="matroska" in self._file.format.name)
         numbering = self._numbering
         numbered = numbering is not None and all(p.coded is not None for p in packets)
         if gaps and numbering is not None and numbered:
@@ -113,6 +114,10 @@ class VideoRecording(Recording):
             said = f"its header tells of {self._stream.frames} pictures, it holds {held}"
             raise FileError(self.path, f"cut off or damaged: {said}; copy it again")
         return out
+
+    def lost_before(self, number: int) -> int:
+        """See `gaps_between`."""
+        return sum(count for behind, count in self._gaps.items() if behind <= number)
 
     def read(self, number: int) -> Image:
         """One frame."""
