@@ -116,3 +116,24 @@ def test_wrong_usage_is_named(windmark, folder, tmp_path, more, word):
     done = windmark(*asked(folder, "-o", tmp_path / "out", *more))
     assert done.code == 2
     assert word in done.err
+
+
+def test_what_a_film_loses_is_said_of_its_poses(windmark, folder, tmp_path):
+    """Only `convert` said that grey levels are not the sensor's, and that pictures are missing."""
+    av = pytest.importorskip("av")
+    with av.open(str(tmp_path / "a.avi"), "w") as out:
+        stream = out.add_stream("mjpeg", rate=50)
+        stream.width, stream.height, stream.pix_fmt = 800, 640, "yuvj420p"
+        for k in (0, 1):
+            image = io.read_image(folder / f"f{k}.tif")
+            frame = av.VideoFrame.from_ndarray((image / image.max() * 250).astype(np.uint8), format="gray")
+            out.mux(stream.encode(frame.reformat(format="yuvj420p")))
+        out.mux(stream.encode())
+    place = tmp_path / "out"
+    files = ("-m", folder / "markers.csv", "-c", folder / "camera.json")
+    done = windmark("track", tmp_path / "a.avi", *files, "--unit", "mm", "-r", 2.5, "-o", place, "--json")
+    assert done.code == 0, done.err
+    (note,) = done.json["notes"]
+    assert "mjpeg loses grey levels" in note
+    assert "mjpeg loses grey levels" in done.err
+    assert "mjpeg loses grey levels" in (place / "report.html").read_text(encoding="utf-8")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from windmark import io
+from windmark.io.recordings.gaps import gaps_between
 
 av = pytest.importorskip("av")
 RNG = np.random.default_rng(3)
@@ -85,3 +86,164 @@ def test_a_table_of_more_entries_than_memory_is_damage(tmp_path):
     with pytest.raises(io.FileError, match="claims more entries than any film has") as caught:
         io.frames(tmp_path / "a.mov")
     assert not isinstance(caught.value.__cause__, MemoryError)
+
+
+# --- films that lack something ------------------------------------------------------------------------
+def levels(count=24):
+    """Pictures with their number as brightness, and a pattern that moves, so that frames are coded from others."""
+    pattern = RNG.integers(0, 120, (64, 160), dtype=np.uint8)
+    return [np.roll(pattern, 3 * k, axis=1)[:, :128] + np.uint8(2 * k) for k in range(count)]
+
+
+def film(path, codec="libx264", frames=None, options=None):
+    """Of 64 x 128 pixels at 50 frames a second, a key frame at 0 and 16; B-frames unless the options say otherwise."""
+    try:
+        with av.open(str(path), "w") as out:
+            stream = out.add_stream(codec, rate=50, options=options or {"g": "16", "sc_threshold": "0"})
+            stream.width, stream.height, stream.pix_fmt = 128, 64, "gray" if codec == "ffv1" else "yuv420p"
+            for picture in frames or levels():
+                out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "gray").reformat(format=stream.pix_fmt)))
+            out.mux(stream.encode())
+    except (av.error.FFmpegError, ValueError):
+        pytest.skip(f"this build of FFmpeg has no {codec}")
+    return path
+
+
+def remuxed(source, target, change):
+    """The packets again; ``change`` takes each one's number and content and gives its content, or None."""
+    with av.open(str(source)) as file, av.open(str(target), "w") as out:
+        stream = file.streams.video[0]
+        copy = out.add_stream_from_template(stream)
+        for k, packet in enumerate(p for p in file.demux(stream) if p.size):
+            content = change(k, bytes(packet))
+            if content is not None:
+                new = av.Packet(content)
+                new.pts, new.dts, new.time_base, new.is_keyframe = (
+                    packet.pts, packet.dts, packet.time_base, packet.is_keyframe
+                )  # fmt: skip
+                new.stream = copy
+                out.mux(new)
+    return target
+
+
+@pytest.mark.parametrize(("name", "codec"), [("a.mkv", "ffv1"), ("a.avi", "mpeg4"), ("a.mp4", "mpeg4")])
+def test_a_film_that_was_cut_off_is_refused(tmp_path, name, codec):
+    """Four of eight pictures were read as if they were all."""
+    whole = film(tmp_path / name, codec, options={"movflags": "faststart"} if name == "a.mp4" else None)
+    assert len(io.frames(whole)) == 24
+    content = whole.read_bytes()
+    cut = tmp_path / f"cut-{name}"
+    cut.write_bytes(content[: int(0.55 * len(content))])
+    with pytest.raises(io.FileError, match="cut off"):
+        io.frames(cut)
+
+
+def test_a_film_that_holds_fewer_pictures_than_its_header_says_is_refused(tmp_path):
+    whole = film(tmp_path / "a.mp4", "mpeg4")
+    content = bytearray(whole.read_bytes())
+    at = content.index(b"stts") + 12  # how many samples have the first duration
+    assert int.from_bytes(content[at : at + 4], "big") == 24
+    content[at : at + 4] = (30).to_bytes(4, "big")
+    (tmp_path / "b.mp4").write_bytes(content)
+    with pytest.raises(io.FileError, match="tells of 30 pictures, it holds 24"):
+        io.frames(tmp_path / "b.mp4")
+
+
+def without(*numbers):
+    return lambda k, content: None if k in numbers else content
+
+
+def test_pictures_that_a_film_lost_are_named_and_the_others_keep_their_times(tmp_path):
+    """MPEG-4 has no numbers of frames: whether they were lost before the film was coded, or after, is open."""
+    whole = film(tmp_path / "a.mp4", "mpeg4", options={"g": "16", "bf": "0", "sc_threshold": "1000000000"})
+    lost = io.frames(remuxed(whole, tmp_path / "b.mp4", without(5, 6)))
+    assert "the film lacks pictures: 2 before frame 5 (" in lost.note
+    assert "are coded from what is not there" in lost.note
+    np.testing.assert_allclose(lost.time_s, 0.02 * np.delete(np.arange(24), (5, 6)), atol=1e-4)
+    assert "lacks" not in io.frames(whole).note
+
+
+@pytest.mark.parametrize(("suffix", "b_frames"), [("mp4", "0"), ("mp4", "2"), ("mkv", "0"), ("avi", "0")])
+def test_frames_that_are_coded_from_lost_ones_are_refused(tmp_path, b_frames, suffix):
+    """FFmpeg decodes them from what is nearest: poses were 11 sigmas off."""
+    options = {"g": "16", "bf": b_frames, "b-pyramid": "none", "sc_threshold": "0"}
+    whole = film(tmp_path / f"a.{suffix}", options=options)
+    packets = [p for p in av.open(str(whole)).demux(video=0) if p.size]
+    hit = [k for k, p in enumerate(packets) if k < 12 and not p.is_disposable][3]
+    rest = [p for k, p in enumerate(packets) if k != hit]
+    lost = io.frames(remuxed(whole, tmp_path / f"b.{suffix}", without(hit)))
+    shown = sorted(p.pts for p in rest)
+    end = next(k for k, p in enumerate(rest) if k and p.is_keyframe)
+    orphans = {shown.index(p.pts) for p in rest[hit:end]}
+    good = io.frames(whole)
+    kept = sorted(p.pts for p in packets)
+    for k in range(len(lost)):
+        if k in orphans:
+            with pytest.raises(io.FileError, match="is coded from one that was lost"):
+                lost[k]
+        else:
+            np.testing.assert_array_equal(lost[k], good[kept.index(shown[k])])
+    assert "the film lacks pictures: 1 before frame" in lost.note
+    assert "not there" not in lost.note
+    assert "lacks" not in good.note
+
+
+def test_pictures_that_were_dropped_before_the_film_was_coded_spoil_no_frame(tmp_path):
+    with av.open(str(tmp_path / "a.mp4"), "w") as out:
+        stream = out.add_stream("libx264", rate=50, options={"g": "24"})
+        stream.width, stream.height, stream.pix_fmt = 128, 64, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for k, picture in enumerate(levels()):
+            if k not in (5, 6, 15):
+                frame = av.VideoFrame.from_ndarray(picture, "gray").reformat(format="yuv420p")
+                frame.pts, frame.time_base = 20 * k, Fraction(1, 1000)
+                out.mux(stream.encode(frame))
+        out.mux(stream.encode())
+    dropped = io.frames(tmp_path / "a.mp4")
+    assert "lacks pictures: 2 before frame 5, 1 before frame 13" in dropped.note
+    assert "not there" not in dropped.note
+    assert len([dropped[k] for k in range(len(dropped))]) == 21
+
+
+@pytest.mark.parametrize("b_frames", ["0", "2"])
+def test_frames_that_the_decoder_fills_in_are_refused_and_what_is_coded_from_them(tmp_path, b_frames):
+    """FFmpeg said nothing of damage while it decoded slices side by side, and gave a picture that nobody took."""
+    whole = film(tmp_path / "a.mp4", options={"g": "16", "bf": b_frames, "sc_threshold": "0", "crf": "8"})
+    order = [p.pts for p in av.open(str(whole)).demux(video=0) if p.size]
+    hit = next(k for k, pts in enumerate(order) if pts == sorted(order)[6])
+
+    def spoil(k, content):
+        half = len(content) // 3
+        return content if k != hit else content[:half] + bytes(b ^ 0x5A for b in content[half:])
+
+    good, bad = io.frames(whole), io.frames(remuxed(whole, tmp_path / "b.mp4", spoil))
+    refused = []
+    for k in (*range(24), 20, 7, 3):
+        try:
+            picture = bad[k]
+        except io.FileError:
+            refused.append(k)
+        else:
+            np.testing.assert_array_equal(picture, good[k])
+    with pytest.raises(io.FileError, match="frame 6 is not whole"):
+        bad[6]
+    assert set(range(6, 16)) <= set(refused)
+    assert not {0, *range(16, 24)} & set(refused)
+    assert 7 in refused[-2:]
+
+
+def test_gaps_are_told_at_a_constant_rate_only():
+    assert gaps_between([0, 512, 1024, 2560, 3072]) == {3: 2}
+    assert gaps_between([0, 1, 2, 5, 6]) == {3: 2}
+    assert gaps_between([0, 33, 67, 100, 133, 233, 267], rounded=True) == {5: 2}  # 30 a second in milliseconds
+    assert gaps_between([0, 1, 2, 4, 5, 6, 8, 9], rounded=True) == {}  # 800 a second: rounding
+    assert gaps_between([0, 40, 95, 130, 190, 220, 300]) == {}  # a rate that varies
+    assert gaps_between([0, 512, 1024]) == {}
+    assert gaps_between([0]) == {}
+
+
+def test_notes_of_pictures_are_those_of_their_recordings(tmp_path):
+    lossy, lossless = film(tmp_path / "a.mp4"), film(tmp_path / "b.mkv", "ffv1")
+    ((address, note),) = io.notes_of(io.pictures([lossy, lossless]))
+    assert address == str(lossy)
+    assert "loses grey levels" in note

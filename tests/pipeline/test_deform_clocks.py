@@ -45,6 +45,17 @@ def test_the_fastest_camera_gives_the_instants_and_the_other_one_its_pictures_on
     assert [s.instant for s in found.frames[7].shots["a"]] == pytest.approx([0.0, 0.1, 0.2])  # two before, one after
 
 
+@pytest.mark.parametrize("rates", [(50.0, 0.05), (50.0, 50000.0)])
+def test_rates_in_different_units_are_named(tmp_path, rates):
+    """Of the slow camera two pictures were interpolated that stand 20 s apart, in a test of 0.14 s."""
+    made = project(tmp_path, entry("a", rate_hz=rates[0]), entry("b", rate_hz=rates[1]), pictures=(8, 8))
+    with pytest.raises(FileError, match="check the rates of both") as caught:
+        instants_of(made)
+    slow, fast = ("b", "a") if rates[1] < 1 else ("a", "b")
+    assert f"camera {slow} took a picture every" in str(caught.value)
+    assert f"camera {fast} all of its 8 in" in str(caught.value)
+
+
 def test_at_the_ends_nothing_is_extrapolated(tmp_path):
     made = project(tmp_path, entry("a", rate_hz=10.0), entry("b", rate_hz=10.0, offset_s=0.03), pictures=(4, 4))
     frames = frames_on_disk(made)

@@ -13,7 +13,9 @@ from windmark.pipeline.deform.names import instant_of, key_of, kind_of, number_o
 
 
 def project(folder, *patterns, frames=None):
-    cameras = [SimpleNamespace(name=f"cam{k + 1}", patterns=(p,), has_clock=False) for k, p in enumerate(patterns)]
+    cameras = [
+        SimpleNamespace(name=f"cam{k + 1}", patterns=(p,), has_clock=False, times=None) for k, p in enumerate(patterns)
+    ]
     sequence = SimpleNamespace(frames=frames, rate_hz=None)
     return SimpleNamespace(path=folder / "p.toml", camera=cameras, sequence=sequence)
 

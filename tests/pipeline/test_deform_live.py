@@ -21,7 +21,9 @@ PATIENCE_S = 0.6
 
 
 def project(folder, *patterns, settle_s=0.02, patience_s=PATIENCE_S):
-    cameras = [SimpleNamespace(name=f"cam{k + 1}", patterns=(p,), has_clock=False) for k, p in enumerate(patterns)]
+    cameras = [
+        SimpleNamespace(name=f"cam{k + 1}", patterns=(p,), has_clock=False, times=None) for k, p in enumerate(patterns)
+    ]
     return SimpleNamespace(
         path=folder / "p.toml", camera=cameras, watch=SimpleNamespace(settle_s=settle_s, patience_s=patience_s)
     )

@@ -392,6 +392,23 @@ def test_residuals_are_doubted_where_most_of_them_is_no_noise():
     assert words == {1.2: GOOD, 1.5: DOUBTFUL}
 
 
+def test_one_frame_of_many_that_the_laws_do_not_explain_is_named():
+    """One torn picture of forty: the frame was "misfit", and the test "good"."""
+    six, none = np.zeros(6), np.zeros(0)
+    fine = DeformFrame(0, "0", 0.0, 0.0, "tracked", "", 0.1, 80, 0, 0.01, 1.1, none, none, six, six, none, none)
+    every = [replace(fine, index=k, key=str(k)) for k in range(40)]
+    assert deform_verdict(every).word == GOOD
+    words = "residuals are 5 times as large as stated (sigma0)"
+    torn = replace(every[7], status="misfit", sigma0=5.0, warnings=(words,), causes=("noise",))
+    verdict = deform_verdict([*every[:7], torn, *every[8:]])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "picture")
+    assert "frame 7 does not fit as the others do" in verdict.reason
+    assert "in other frames 1.1" in verdict.reason
+    # Where most are off by their tables, one that is off a little more is no other case.
+    slightly = [replace(r, sigma0=1.4) for r in every]
+    assert deform_verdict([replace(slightly[0], status="misfit", sigma0=1.5), *slightly[1:]]).word == GOOD
+
+
 def test_a_camera_out_of_focus_is_named_in_a_series():
     """Sharp in one camera, blurred in the other: where more than a tenth of its pictures are."""
     sharp, soft = Sight(20, 20, "", 0.0, 0.7, 3.0), Sight(20, 20, "", 0.0, 2.5, 3.0)
@@ -435,6 +452,11 @@ def test_one_picture_that_is_there_twice_is_said_of_any_series():
     assert (found.word, found.cause) == (DOUBTFUL, "file")
     assert found.reason.startswith("cam1 shows in frame 40 what it showed before")
     assert not followed_findings(instants[:40], "mm")
+    both = [*instants, Followed("frame 100", {"cam1": copy, "cam2": copy, "cam3": copy})]
+    (found,) = followed_findings(both[60:], "mm")
+    assert found.reason.startswith("cam1, cam2 and cam3 show in frame 100 what they showed before")
+    assert "more such" not in found.reason
+    assert "and 3 more such" in followed_findings(both, "mm")[0].reason
 
 
 def test_what_following_found_is_said_of_every_series():

@@ -11,6 +11,7 @@ from windmark import io, resection, synth
 from windmark.geometry import Pose
 from windmark.pipeline.at_pose import AtPose, markers_at_pose
 from windmark.pipeline.job import run_project
+from windmark.pipeline.misfits import misfits, with_misfits
 from windmark.pipeline.project import read_project
 from windmark.pipeline.results import ImageResult
 from windmark.pipeline.simulate_cameras import camera_shots
@@ -194,6 +195,71 @@ def test_a_picture_that_was_written_twice_is_named(tunnel):
     verdict = track_verdict([a, b, replace(b, name="again", index=2), c], "mm")
     assert (verdict.word, verdict.cause) == (DOUBTFUL, "file")
     assert "again is f1 once more" in verdict.reason
+
+
+def series(excess, spot=0.01, matched=30):
+    """Rows of images with so much misfit each."""
+    none = (np.zeros(0, np.int64), np.zeros((0, 4)))
+    return [
+        PoseRow(k, f"f{k}", float(k), "tracked", "", True, 0.0, matched, matched, e, np.zeros(6), np.ones(6),
+                Pose.identity(), none, excess_px=e, spot_px=spot)
+        for k, e in enumerate(excess)
+    ]  # fmt: skip
+
+
+def test_one_torn_image_of_a_sequence_is_named_in_verdict_and_row():
+    """"all 100 images have a pose, residuals are the spots' noise", and that one's is 19 sigmas off."""
+    rows = series([0.0] * 99 + [0.17])
+    verdict = track_verdict(rows, "mm")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "picture")
+    assert "f99: residuals of 0.17 px per coordinate, 17 times its spots' sigma" in verdict.reason
+    reasons = [row.reason for row in with_misfits(rows)]
+    assert "torn" in reasons[99]
+    assert not any(reasons[:99])
+    # A small tear stands out from its neighbours.
+    assert list(misfits(series([0.0] * 5 + [0.05] + [0.0] * 4))) == [5]
+
+
+def test_a_picture_that_is_turned_by_half_a_turn_is_named_though_its_markers_fit():
+    every = series([0.0] * 5)
+    poses = [Pose.from_rotvec([0.1, 0.02 * k, 0.3], [0.0, 1.0, 900.0]) for k in range(5)]
+    upright = [replace(row, cam_from_model=pose) for row, pose in zip(every, poses, strict=True)]
+    assert track_verdict(upright, "mm").word == GOOD
+    half = Pose.from_rotvec([0, 0, np.pi], [0, 0, 0])
+    mixed = [replace(row, cam_from_model=half @ row.cam_from_model) if k == 2 else row for k, row in enumerate(upright)]
+    verdict = track_verdict(mixed, "mm")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "picture")
+    assert verdict.reason.startswith("f2: the picture is turned by 180 degrees against f1")
+    assert ["turned" in row.reason for row in with_misfits(mixed)] == [False, False, True, False, False]
+    # A model that rolls before the camera, a quarter of a turn from image to image, is none.
+    rolled = [Pose.from_rotvec([0, 0, 0.5 * np.pi * k], [0, 0, 0]) @ poses[0] for k in range(5)]
+    assert track_verdict([replace(r, cam_from_model=p) for r, p in zip(every, rolled, strict=True)], "mm").word == GOOD
+
+
+@pytest.mark.parametrize("words", ["frame 3 is coded from one that was lost from the film",
+                                   "damaged: frame 4 is not whole, or a frame that it is coded from"])  # fmt: skip
+def test_frames_that_a_film_lost_are_the_files_fault(words):
+    lost = replace(series([0.0])[0], cam_from_model=None, status="lost", reason=f"a.mp4: {words}")
+    verdict = track_verdict([*series([0.0] * 5), lost], "mm")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "file")
+    assert "copy the film from the camera again" in verdict.next_step
+
+
+def test_half_of_the_images_may_be_torn_and_no_table_is_blamed():
+    verdict = track_verdict(series([0.01, 0.02, 0.02, 0.25, 0.24, 0.3]), "mm")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "picture")
+    assert "f5 (and 2 more of 6 images)" in verdict.reason
+
+
+def test_images_that_noise_or_what_all_have_in_common_explains_do_not_stand_out():
+    # What 6 markers of 1000 images make of noise: the largest of the misfits is twice the noise and more.
+    rng = np.random.default_rng(0)
+    excess = np.sqrt(np.maximum(rng.chisquare(6, 1000) / 6 - 1, 0)) * 0.1
+    assert excess.max() > 0.15
+    assert misfits(series(excess, spot=0.1, matched=6)) == {}
+    assert track_verdict(series(np.linspace(0.0, 0.09, 50)), "mm").word == GOOD  # a lens, and a model that moves
+    assert misfits(series([0.2] * 20 + [0.25] * 5)) == {}  # a table that is off is told by the verdict, of all
+    assert misfits(series([0.3])) == {}
 
 
 def test_mirrored_pictures_of_a_sequence_are_named(tunnel):

@@ -97,6 +97,16 @@ def test_a_picture_that_shows_what_the_one_before_showed_is_said_and_no_other():
     assert reasons[0] == reasons[1] == reasons[2] == ("", "")
 
 
+def test_a_copied_picture_is_said_where_its_spots_were_looked_for_from_elsewhere(monkeypatch):
+    """Fitted from another prediction a spot differs by a part of its noise; of two copied cameras one was named."""
+    monkeypatch.setattr(sights_module, "is_repeated", lambda *_: False)
+    test = DeformationTest((Station("cam", CAMERA, AWAY),), markers(), Volumes.of([]), look=LookOptions((5.0,)))
+    images = [image((0, 0)), image((1, 0)), image((1, 0)), image((2, 0))]
+    frames = [FrameImages(str(k), float(k), {"cam": i}) for k, i in enumerate(images)]
+    told = [ONCE_MORE in f.reason for f in follow_deformation(frames, test)]
+    assert told == [False, False, True, False]
+
+
 def test_a_camera_between_whose_pictures_is_interpolated_is_no_copy_of_itself():
     """At instants close to each other a still model is where it was, but for a part of the noise of both pictures."""
     stations = tuple(Station(name, CAMERA, AWAY) for name in ("own", "slow"))

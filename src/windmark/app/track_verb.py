@@ -24,6 +24,7 @@ from windmark.geometry import Camera
 from windmark.io.errors import noted
 from windmark.pipeline.grid import curved_by
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.misfits import with_misfits
 from windmark.pipeline.same_run import made_with, with_all
 from windmark.pipeline.track_files import FollowOptions, first_state
 from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
@@ -84,6 +85,9 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     motion = Motion(float(np.radians(change[0])), change[1] / 100)
     how = FollowOptions(**options, motion=motion, prior=prior, mask=mask)
     images = io.pictures(wishes.images)
+    notes = io.notes_of(images)
+    for address, text in notes:
+        console.note(Path(address), text)
     instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
     start, made = job_time(), _made_with(wishes, options, change, map(Path, read))
     with console.progress(len(images)) as show, series_folder(wishes.output, go_on) as (out, go_on):
@@ -92,10 +96,11 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
             say=lambda row: show(f"{row.name}: {row.status}"),
         )  # fmt: skip
         show("write")
+        series.rows = with_misfits(series.rows)
         rows, last = series.rows, series.last
         record = {
             **sequence_summary(rows, camera, unit), "seconds": job_time() - start, "folder": wishes.output,
-            "polarity": series.polarity,
+            "polarity": series.polarity, "notes": [f"{address}: {text}" for address, text in notes],
         }  # fmt: skip
         verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None, markers.name.tolist())
         record["verdict"] = verdict.record()
@@ -179,6 +184,8 @@ def _page(
     )
     if record["unchecked"]:
         report.listed("The images cannot tell:", (u["words"] for u in record["unchecked"]), "soft")
+    for note in record["notes"]:
+        report.text(note, "soft")
     for row in rows:
         if row.status == "lost":
             report.text(f"{row.name}: {row.reason}", "bad")

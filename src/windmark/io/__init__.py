@@ -54,7 +54,16 @@ from windmark.io.quantity_told import told_quantity
 from windmark.io.recordings.address import FrameAddress, frame_address, picture_name
 from windmark.io.recordings.base import Frames
 from windmark.io.recordings.open import frames, is_recording
-from windmark.io.recordings.picture import Frame, PictureFile, addresses, gathered, one_picture, pictures, times_of
+from windmark.io.recordings.picture import (
+    Frame,
+    PictureFile,
+    addresses,
+    gathered,
+    notes_of,
+    one_picture,
+    pictures,
+    times_of,
+)
 from windmark.io.recordings.write import write_frames
 from windmark.io.results import ResultFolder, result_folder
 from windmark.io.tables import (
@@ -84,7 +93,7 @@ __all__ = [
     "read_tecplot", "write_collection", "write_mesh", "write_nodes_csv", "write_nodes_netcdf", "write_nodes_vtk",
     "write_plot3d", "write_plot3d_function", "write_tecplot",
     "Frame", "FrameAddress", "Frames", "PictureFile", "addresses", "frame_address", "frames", "gathered",
-    "is_recording", "one_picture", "picture_name", "pictures", "times_of", "write_frames",
+    "is_recording", "notes_of", "one_picture", "picture_name", "pictures", "times_of", "write_frames",
     "GRID_FORMATS", "GRID_SUFFIXES", "UNIT_FORMATS", "GridFile", "fitting_layouts", "grid_format", "read_grid_file",
     "write_grid_file", "written_grid_format", "read_marker_covariance", "read_marker_unit", "told_quantity",
     "write_tgts", "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",

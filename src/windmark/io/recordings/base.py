@@ -60,6 +60,10 @@ class Recording:
         """A name of a frame that can be a file's name on every system."""
         return frame_name(self.stem, number)
 
+    def lost_before(self, number: int) -> int:
+        """How many pictures the recording lacks before a frame, by its own time stamps; 0 where they say nothing."""
+        return 0
+
     def close(self) -> None:
         """Give the file back."""
 
@@ -149,6 +153,10 @@ class Frames(Sequence[Image]):
     def number(self, number: int) -> int:
         """Place of a frame in the whole recording."""
         return self._which[number]
+
+    def lost_before(self, number: int) -> int:
+        """How many pictures the recording lacks before a frame, as its note says; 0 where its stamps say nothing."""
+        return self._recording.lost_before(self._which[number])
 
     def __len__(self) -> int:
         return len(self._which)

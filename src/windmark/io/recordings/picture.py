@@ -182,6 +182,12 @@ def times_of(items: Sequence[PictureFile]) -> list[float] | None:
     return times if np.isfinite(times).all() and (np.diff(times) > 0).all() else None
 
 
+def notes_of(items: Sequence[PictureFile]) -> list[tuple[str, str]]:
+    """What should be known of the recordings that pictures are frames of (`Frames.note`): address and words of each."""
+    notes = {item.frames.address: item.frames.note for item in items if isinstance(item, Frame)}
+    return [(address, note) for address, note in notes.items() if note]
+
+
 def _is_one_picture(file: Path) -> bool:
     """A file of one picture, or one that cannot be told from it."""
     from windmark.io.images import page_count

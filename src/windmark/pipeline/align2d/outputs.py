@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.pipeline.align2d.run import AlignedFile, Reference
+from windmark.scene.detections import middle_sigma
+from windmark.scene.repeated import PART, is_repeated
 from windmark.tasks.align2d import ImageAlignment
 
 Record = dict[str, Any]
@@ -62,7 +64,7 @@ def record_of(item: AlignedFile, reference: Reference) -> Record:
     return {
         "image": item.path.name, "aligned": True, "problem": "", "kind": answer.kind, "choice": answer.choice,
         "pairs": len(answer.pairs), "rejected_pairs": len(answer.rejected),
-        "standing_still": len(answer.still),
+        "standing_still": len(answer.still), "still": still_part(answer, named=reference.named is not None),
         "reference_spots": len(answer.reference_spots), "image_spots": len(answer.image_spots),
         "held_out_rms_px": answer.held_out_px, "rms_px": answer.rms_px,
         "largest_shift_px": float(shift.max()), "median_shift_px": float(np.median(shift)),
@@ -73,6 +75,24 @@ def record_of(item: AlignedFile, reference: Reference) -> Record:
                   for t in answer.trials},
         "seconds": item.seconds,
     }  # fmt: skip
+
+
+def still_part(answer: ImageAlignment, *, named: bool) -> Record | None:
+    """Where the markers are that stand still (smallest and largest x and y in the reference); None without any.
+
+    ``copied``: so many show the reference's own noise, and the places are of these; 0 where most do not. Markers that
+    were ``named`` by hand have no noise to compare.
+    """
+    if not len(answer.still):
+        return None
+    i, j = answer.still.T
+    there, here = answer.reference_spots.xy[i], answer.image_spots.xy[j]
+    one, sigma = np.arange(len(i)), middle_sigma(answer.image_spots.cov[j])
+    copied = not named and is_repeated(one, there, one, here, sigma)
+    if copied:
+        there = there[np.abs(there - here).max(axis=1) < PART * sigma]
+    x, y = ([float(of.min()), float(of.max())] for of in there.T)
+    return {"x": x, "y": y, "copied": len(there) if copied else 0}
 
 
 def ratios(item: AlignedFile, reference: Reference) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from glob import glob
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.pipeline.deform.names import instant_of, key_of, key_of_file, kind_of, order, said_of, stamp_ns
+from windmark.pipeline.deform.names import instant_of, is_number, key_of, key_of_file, kind_of, order, said_of, stamp_ns
 from windmark.pipeline.deform.project import RECORDING, CameraEntry, DeformProject
 from windmark.pipeline.deform.timeline import Timeline, timeline
 from windmark.tasks.deform.task import FrameImages
@@ -83,8 +83,11 @@ def frames_on_disk(project: DeformProject, recorded: Mapping[str, Array] | None 
 def instants_of(project: DeformProject, recorded: Mapping[str, Array] | None = None) -> Timeline:
     """`frames_on_disk` with the camera that gives the instants and with what is odd about the clocks."""
     found = {c.name: _images(project, i, c) for i, c in enumerate(project.camera)}
+    files = [file for images in found.values() for file in images.values()]
+    notes = (*(f"{address}: {text}" for address, text in io.notes_of(files)), *_counted(found))
     if recorded or any(c.has_clock for c in project.camera):
-        return timeline(project, found, {**_stamps(project, found), **(recorded or {})})
+        out = timeline(project, found, {**_stamps(project, found), **(recorded or {})})
+        return replace(out, remarks=(*out.remarks, *notes))
     keys = sorted({k for images in found.values() for k in images}, key=order)
     kind = kind_of(keys)
     frames = []
@@ -92,7 +95,17 @@ def instants_of(project: DeformProject, recorded: Mapping[str, Array] | None = N
         instant = instant_of(key, kind, keys[0], n)
         images = {name: own[key] for name, own in found.items() if key in own}
         frames.append(FrameImages(key, instant, images, time_s=instant if kind == "stamp" else float("nan")))
-    return Timeline(frames, "", tuple(said_of(keys, project.sequence.rate_hz)))
+    return Timeline(frames, "", (*said_of(keys, project.sequence.rate_hz), *notes))
+
+
+def _counted(found: Mapping[str, Mapping[str, io.PictureFile]]) -> list[str]:
+    """Cameras in whose films pictures are missing that are counted."""
+    return [
+        f"{name}: frames are counted with those that its film lacks: its frame {file.number} is frame {key}"
+        for name, own in found.items()
+        for key, file in [max(own.items(), key=lambda item: order(item[0]))]
+        if isinstance(file, io.Frame) and is_number(key) and int(key) != file.frames.number(file.number)
+    ]
 
 
 def _stamps(project: DeformProject, found: Mapping[str, Mapping[str, io.PictureFile]]) -> dict[str, Array]:
@@ -126,7 +139,7 @@ def _images(project: DeformProject, i: int, camera: CameraEntry) -> dict[str, io
         if not files:
             raise io.FileError(project.path, f"no file matches {pattern!r} beside the project", f"camera[{i}].images")
         for file in files:
-            key = key_of_file(file)
+            key = key_of_file(file, counted=camera.times is None)  # tables count the frames that are there
             if key in out:
                 raise io.FileError(
                     project.path, f"{out[key].name} and {file.name} are both frame {key} of camera {camera.name}",

@@ -45,9 +45,14 @@ def key_of(stem: str, *, stamps: bool = True) -> str:
     return (numbers[-1].lstrip("0") or "0") if numbers else stem
 
 
-def key_of_file(file: io.PictureFile) -> str:
-    """`key_of` a picture; the frame of a recording has its number in the recording, whatever stands before it."""
-    return key_of(file.stem, stamps=not isinstance(file, io.Frame))
+def key_of_file(file: io.PictureFile, *, counted: bool = False) -> str:
+    """`key_of` a picture; the frame of a recording has its number in the recording, whatever stands before it.
+
+    ``counted``: pictures that a film lacks have a number, too, as other cameras have them.
+    """
+    key = key_of(file.stem, stamps=not isinstance(file, io.Frame))
+    lost = file.frames.lost_before(file.number) if counted and isinstance(file, io.Frame) else 0
+    return str(int(key) + lost) if lost and is_number(key) else key
 
 
 def is_number(key: str) -> bool:

@@ -88,7 +88,27 @@ def timeline(
                 f"of {clock} ({first:g} to {last:g} s): nothing is seen together; check rate_hz, offset_s and times",
                 f"camera[{[c.name for c in project.camera].index(name)}]",
             )  # fmt: skip
+    _check_rates(project, own, reels, frames)
     return Timeline(frames, clock, tuple(remarks))
+
+
+def _check_rates(project: DeformProject, own: Reel, reels: Mapping[str, Reel], frames: list[FrameImages]) -> None:
+    """Refuse to interpolate between two pictures of one camera that were taken before and after all of another's.
+
+    Rates in Hz and kHz, or periods in seconds and milliseconds, were mixed: nothing says what moved in between.
+    """
+    for i, camera in enumerate(project.camera):
+        reel = reels[camera.name]
+        span = float(np.ptp(own.time_s))
+        if reel is own or not np.isfinite(reel.spacing_s) or not any(camera.name in f.shots for f in frames):
+            continue
+        if reel.spacing_s > span > 0:
+            raise io.FileError(
+                project.path, f"camera {camera.name} took a picture every {reel.spacing_s:g} s, camera {own.name} all "
+                f"of its {len(own.key)} in {span:g} s (one every {own.spacing_s:g} s): between two pictures of "
+                f"{camera.name} nothing says what moved; check the rates of both (rate_hz is in Hz, times in seconds)",
+                f"camera[{i}]",
+            )  # fmt: skip
 
 
 def _reel(

@@ -9,6 +9,7 @@ from windmark.errors import g2
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.picture import PictureState, picture_findings
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.scene.repeated import ONCE_MORE
 
 Record = Mapping[str, Any]
 
@@ -69,4 +70,28 @@ def _aligned(row: Record) -> list[Finding]:
     if pairs < rules.FEW:
         said = f"{pairs} pairs of markers carry the transformation: a wrong one would hardly show"
         out.append(Finding(DOUBTFUL, "few", said, "paint more markers, or take a simpler --kind"))
-    return out
+    return [*out, *_still(row)]
+
+
+def _still(row: Record) -> list[Finding]:
+    """Markers that were taken for walls as they stand still, and are a copy of the reference's, or most of all."""
+    part, still = row["still"], row["standing_still"]
+    every = row["pairs"] + row["rejected_pairs"] + still
+    if part is None:
+        return []
+    where = f"at x {part['x'][0]:.0f} to {part['x'][1]:.0f}, y {part['y'][0]:.0f} to {part['y'][1]:.0f}"
+    if part["copied"]:
+        said = (
+            f"{part['copied']} of {every} markers ({where}) show what the reference shows while the others moved "
+            f"({ONCE_MORE}): this part of the picture is a copy of it"
+        )
+        step = "look whether the recording tore the picture; take another one of this state"
+        return [Finding(DOUBTFUL, "file", said, step)]
+    if 2 * still <= every:
+        return []
+    said = (
+        f"{still} of {every} markers stand still ({where}) and were taken for walls: the motion of the other "
+        f"{every - still} is extrapolated over them"
+    )
+    step = "where they are on the model, align with --keep-still; else leave the walls out (--mask)"
+    return [Finding(DOUBTFUL, "one-sided", said, step)]

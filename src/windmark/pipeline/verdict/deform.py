@@ -36,7 +36,7 @@ def deform_verdict(
         return bad_series(cause, f"no frame gave a deformation; the first: {reason}", step)
     found = [*grid, *lost_findings([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")]
     found += followed_findings([_followed(r) for r in good], unit)
-    found += _zero(good, zero, parameters)
+    found += [*_standing_out(good), *_zero(good, zero, parameters)]
     if weak:
         found.append(
             Finding(
@@ -58,6 +58,26 @@ def deform_verdict(
 def _followed(record: FrameRecord) -> Followed:
     doubts = tuple(zip(record.causes, record.warnings, strict=True))
     return Followed(f"frame {record.key}", record.cameras, doubts, record.sigma0)
+
+
+def _standing_out(good: Sequence[FrameRecord]) -> list[Finding]:
+    """Frames that the laws do not explain as they do the others: so few that `followed_findings` leaves them out.
+
+    One is enough, as it is of pictures that are there twice: it may be torn, and its values are off by what no sigma
+    has.
+    """
+    usual = max(1.0, middle([r.sigma0 for r in good]))
+    odd = [r for r in good if r.status == MISFIT and r.sigma0 > rules.SIGMA0 * usual]
+    if not odd or len(odd) > rules.SOME * len(good):
+        return []
+    worst = max(odd, key=lambda r: r.sigma0)
+    more = f" (and {len(odd) - 1} more of {len(good)})" if len(odd) > 1 else ""
+    said = f": {worst.warnings[0]}" if worst.warnings else ""
+    reason = (
+        f"frame {worst.key}{more} does not fit as the others do: residuals are {g2(worst.sigma0)} times the spots' "
+        f"noise, in other frames {g2(usual)}{said}"
+    )
+    return [Finding(DOUBTFUL, "picture", reason, "see that its pictures are whole, of this frame and of one moment")]
 
 
 def _zero(good: Sequence[FrameRecord], zero: Sequence[str], parameters: Sequence[str]) -> list[Finding]:

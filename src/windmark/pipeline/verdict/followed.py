@@ -32,8 +32,11 @@ def _copies(instants: Sequence[Followed]) -> list[Finding]:
     copies = [(name, at.key) for at in instants for name, s in at.cameras.items() if ONCE_MORE in s.reason]
     if not copies:
         return []
-    name, key = copies[0]
-    return [copies_finding(f"{name} shows in {key} what it showed before", len(copies), "that")]
+    key = copies[0][1]
+    names = [name for name, of in copies if of == key]
+    said = "shows in {} what it showed before" if len(names) == 1 else "show in {} what they showed before"
+    first = f"{' and '.join([', '.join(names[:-1]), names[-1]] if len(names) > 1 else names)} {said.format(key)}"
+    return [copies_finding(first, len(copies) - len(names) + 1, "that")]
 
 
 def _doubts(instants: Sequence[Followed]) -> list[Finding]:

@@ -19,6 +19,7 @@ _STEPS = {
     "rows": "give each row of the table of points its own pictures; else see points.alpha_at_rest_deg and the laws",
     "units": "correct the unit, the cell or the pictures that are named",
     "saturated": "expose shorter or dim the lamps",
+    "film": "copy the film from the camera again; where the camera lost pictures, record each by itself",
     "size": "give the camera that was calibrated at this size of pictures, or the pictures as they were taken",
 }
 REASONS: tuple[tuple[str, str, str], ...] = (
@@ -33,6 +34,8 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     ("the normals of the table", "discs", _STEPS["discs"]),
     ("picture or the table is mirrored", "mirrored", _STEPS["mirrored"]),
     ("of the picture is saturated", "saturated", _STEPS["saturated"]),
+    ("was lost from the film", "file", _STEPS["film"]),
+    ("is not whole, or a frame that it is coded from", "file", _STEPS["film"]),
     ("as its camera says (width x height)", "camera", _STEPS["size"]),
     ("too simple: what is left looks like", "bent", STEPS["bent"]),
 )

@@ -9,8 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from windmark.errors import g1, g2
+from windmark.pipeline.misfits import lower_middle, misfits, turned
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.doubts import STEPS
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, series_blur, series_fields
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import what_is_left
@@ -30,7 +32,7 @@ def track_verdict(
             return Verdict.of([replace(f, word=BAD, reason=f"{reason}; {f.reason}") for f in seen], 1, "", "")
         return bad_series("no match", reason, "run windmark register on one image first")
     found = lost_findings([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
-    found += [*_misfit(good, unit), *_bent(good), *_off(good, names)]
+    found += [*_misfit(good, unit), *_standing_out(good), *_bent(good), *_off(good, names)]
     found += series_blur(("", r.blur_px, r.radius_px) for r in good)
     found += series_fields(("", r.fields_px) for r in good)
     found += [*_few(good), *_missing(good), *_copies(rows)]
@@ -46,7 +48,7 @@ def track_verdict(
 
 def _misfit(good: Sequence[PoseRow], unit: str) -> list[Finding]:
     """Residuals that are no noise: the pattern of another lens, or markers that are off their table."""
-    excess, spot = (middle([getattr(r, k) for r in good]) for k in ("excess_px", "spot_px"))
+    excess, spot = lower_middle([r.excess_px for r in good]), middle([r.spot_px for r in good])
     if not excess > rules.NOISE_TIMES * spot:
         return []
     typical = sorted(good, key=lambda r: r.other.lead)[len(good) // 2]
@@ -65,6 +67,22 @@ def _misfit(good: Sequence[PoseRow], unit: str) -> list[Finding]:
             "measure the markers (windmark reconstruct), or calibrate the lens",
         )
     ]  # fmt: skip
+
+
+def _standing_out(good: Sequence[PoseRow]) -> list[Finding]:
+    """Images that do not fit as the others do: one is enough, its pose is off by what no sigma of it has."""
+    upside = turned(good)
+    found = [m for k, m in misfits(good).items() if k not in upside]
+    out = []
+    if upside:
+        k, said = next(iter(upside.items()))
+        more = f" (and {len(upside) - 1} more of {len(good)} images)" if len(upside) > 1 else ""
+        out = [Finding(DOUBTFUL, "picture", f"{good[k].name}{more}: {said}", "turn the picture as the others are")]
+    if not found:
+        return out
+    worst = max(found, key=lambda m: m.each_px / m.others_px)
+    more = f" (and {len(found) - 1} more of {len(good)} images)" if len(found) > 1 else ""
+    return [*out, Finding(DOUBTFUL, "picture", f"{worst.name}{more}: {worst.words}", STEPS["picture"])]
 
 
 def _bent(good: Sequence[PoseRow]) -> list[Finding]:

@@ -19,7 +19,7 @@ from windmark.scene.repeated import ONCE_MORE
 from windmark.tasks.deform.between import Shots, open_shots
 from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
-from windmark.tasks.deform.sights import Usual, once_more, sight
+from windmark.tasks.deform.sights import Usual, once_more, print_of, sight
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
 from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
 from windmark.tasks.deform.task import (
@@ -89,7 +89,7 @@ def follow_deformation(
             yield followed
 
 
-_HANDED_ON = ("_memory", "_hidden", "_texture", "_usual", "_left_out")
+_HANDED_ON = ("_memory", "_hidden", "_texture", "_usual", "_left_out", "_prints")
 
 
 class _Follower:
@@ -103,7 +103,9 @@ class _Follower:
         self._shots: dict[str, Shots] = {}
         self._usual = Usual()
         self._last: dict[str, Labelled] = {}
+        self._copied: set[str] = set()  # cameras whose picture is that of the frame before, bit by bit
         self._left_out: dict[str, str] = {}  # cameras that contradict the others, and why
+        self._prints: dict[str, int] = {}  # of the cameras' last pictures, see `print_of`
 
     def handed_on(self) -> dict[str, Any]:
         """What the next frame goes on with; pictures are not."""
@@ -120,6 +122,8 @@ class _Follower:
         start = job_time()
         self._last = {}
         images, bad = self._read(frame)
+        before, self._prints = self._prints, {**self._prints, **{n: print_of(image) for n, image in images.items()}}
+        self._copied = {n for n in images if before.get(n) == self._prints[n] and n not in frame.shots}
         self._open(frame, images, bad)
         troubles = [f"{n}: {why}" for n, why in {**frame.odd, **bad}.items()]
         status, why, found, spots = "tracked", "", None, {}
@@ -177,7 +181,8 @@ class _Follower:
                 )  # fmt: skip
                 # Between the same two pictures two instants may differ by a small part of their noise.
                 if memory is not None and name not in self._shots and not out[name].reason:
-                    out[name] = replace(out[name], reason=once_more(memory.labelled.get(name), spots))
+                    said = once_more(memory.labelled.get(name), spots, copied=name in self._copied)
+                    out[name] = replace(out[name], reason=said)
         return out
 
     def _read(self, frame: FrameImages) -> tuple[dict[str, Image], dict[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -121,11 +122,20 @@ def sight(
     return Sight(spots.expected, count, why, lag_s, spots.known.frame.blur_px, spots.radius_px, fields, odd)
 
 
-def once_more(before: Labelled | None, now: Labelled) -> str:
-    """That a camera shows what it showed before, noise and all; empty where it does not."""
+def print_of(image: Image) -> int:
+    """The same for the same grey levels; noise makes other pictures differ."""
+    return zlib.crc32(image.tobytes())
+
+
+def once_more(before: Labelled | None, now: Labelled, *, copied: bool) -> str:
+    """That a camera shows what it showed before, noise and all; empty where it does not.
+
+    ``copied``: its picture is the same bit by bit. Spots of such a one may still differ by more than a part of their
+    noise, as each was looked for from its own prediction; spots tell of a copy that was compressed once more.
+    """
     if before is None or not len(now.marker):
         return ""
     sigma = float(np.sqrt(np.median(np.trace(now.cov, axis1=1, axis2=2)) / 2))
-    if not is_repeated(before.marker, before.xy, now.marker, now.xy, sigma):
+    if not copied and not is_repeated(before.marker, before.xy, now.marker, now.xy, sigma):
         return ""
     return f"the picture before once more ({ONCE_MORE}): it is of another instant"

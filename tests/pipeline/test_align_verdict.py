@@ -1,0 +1,53 @@
+"""The verdict on 2D alignments in which markers stand still: walls, a torn picture, a part that does not move."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+import windmark as wm
+from windmark.pipeline.align2d.outputs import record_of
+from windmark.pipeline.verdict import DOUBTFUL, GOOD
+from windmark.pipeline.verdict.aligned import align_verdict
+from windmark.scene import Detections
+
+BLANK = np.zeros((1000, 1000), np.float32)
+NOISE = 0.02
+
+
+def verdict_of(moved, standing, rng, *, copied=0, named=False):
+    """Markers above that move and markers below that stand still, of which some are the reference's own."""
+    x = np.vstack([rng.uniform([50, 50], [950, 450], (moved, 2)), rng.uniform([50, 500], [950, 950], (standing, 2))])
+    y = x + rng.normal(0, NOISE, x.shape)
+    y[:moved] += [3.0, -1.0] + 1e-3 * (x[:moved] - 500)
+    if copied:
+        y[-copied:] = x[-copied:]
+    a, b = (Detections.make(p, cov=np.tile(NOISE**2 * np.eye(2), (len(p), 1, 1))) for p in (x, y))
+    pairs = np.stack([np.arange(len(x))] * 2, axis=1)
+    answer = wm.align_images(BLANK, BLANK, detections=b, reference_detections=a, pairs=pairs)
+    assert len(answer.still) == standing
+    item = SimpleNamespace(alignment=answer, image=None, path=Path("on.tif"), seconds=0.1)
+    reference = SimpleNamespace(named=object() if named else None, image=BLANK)
+    return align_verdict([record_of(item, reference)], {})
+
+
+def test_most_markers_standing_still_are_no_walls_without_a_word():
+    """22 of 35 were left out as walls, what the 13 did was laid over them, 60 sigmas off, and that was good."""
+    verdict = verdict_of(13, 22, np.random.default_rng(1))
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "one-sided")
+    assert "22 of 35 markers stand still (at x" in verdict.reason
+    assert "--keep-still" in verdict.next_step
+
+
+def test_a_part_that_is_the_references_is_named_as_a_copy_and_where():
+    verdict = verdict_of(20, 12, np.random.default_rng(2), copied=10)
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "file")
+    assert "10 of 32 markers" in verdict.reason
+    assert "a copy of it" in verdict.reason
+
+
+def test_walls_are_left_out_in_silence():
+    for seed in range(5):
+        assert verdict_of(25, 12, np.random.default_rng(seed)).word == GOOD
+    # Places that were clicked are whole pixels: the same ones twice are no copy.
+    assert verdict_of(25, 12, np.random.default_rng(6), copied=12, named=True).word == GOOD
