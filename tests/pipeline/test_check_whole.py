@@ -200,6 +200,31 @@ def test_results_do_not_go_among_the_inputs(folder):
         read_project(folder / "project.toml")
 
 
+@pytest.mark.parametrize(("where", "says"), [
+    ("..", "above the folder of the project"), ("../..", "above the folder of the project"), ("/", "is a whole disk"),
+    ("HOME", "is your home folder"), ("a.tif", "is a file"),
+])  # fmt: skip
+def test_results_do_not_go_among_other_files(folder, monkeypatch, where, says):
+    """A folder above the project, a disk and the home folder were taken; `check` called a file sound that `run` could
+    not write into.
+    """
+    home = folder / "home"
+    home.mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("USERPROFILE", str(home))
+    text = RUN + f'[output]\nfolder = "{home.as_posix() if where == "HOME" else where}"\n'
+    assert says in problems(folder, text)["output.folder"].words
+    with pytest.raises(FileError, match=says):
+        read_project(folder / "project.toml")
+
+
+@pytest.mark.parametrize("where", ["results", "home/results", "../beside"])
+def test_results_go_into_a_folder_of_their_own(folder, where):
+    (folder / "results").mkdir()
+    (folder / "results" / "notes.txt").write_text("mine")
+    assert not problems(folder, RUN + f'[output]\nfolder = "{where}"\n')
+
+
 def test_a_folder_stands_for_its_only_project(folder):
     (folder / "project.toml").write_text(RUN)
     assert project_in(folder) == folder / "project.toml"

@@ -6,7 +6,7 @@ import re
 import tomllib
 import types
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from unicodedata import normalize
@@ -153,7 +153,7 @@ def existing(settings: Path, key: str, relative: Path) -> Path:
 
 
 @contextmanager
-def _naming(settings: Path, key: str) -> Iterator[None]:
+def _naming(settings: Path, key: str, expected: str = "the path of an existing file") -> Iterator[None]:
     """What the system says against a path itself: too long, a zero byte, links in a circle."""
     try:
         yield
@@ -161,7 +161,7 @@ def _naming(settings: Path, key: str) -> Iterator[None]:
         raise
     except (OSError, ValueError, RuntimeError) as error:
         why = reason(error) if isinstance(error, OSError) else str(error)
-        raise _fault(settings, f"{why}; expected the path of an existing file", key) from error
+        raise _fault(settings, f"{why}; expected {expected}", key) from error
 
 
 def result_place(settings: Path, folder: Path) -> Path:
@@ -170,13 +170,33 @@ def result_place(settings: Path, folder: Path) -> Path:
     Raises
     ------
     FileError
-        Where it is that of the project itself, whose files would then stand among the results.
+        Where it is that of the project itself or one above it, the home folder or a whole disk, whose files would then
+        stand among the results; or a file.
     """
-    full = (settings.parent / folder).resolve()
-    if full == settings.parent.resolve() and settings.name != COMMAND_LINE:
-        words = f"{folder} is the folder of the project itself; expected one for the results alone"
-        raise FileError(settings, words, "output.folder")
+    with _naming(settings, "output.folder", "the path of a folder"):
+        full, own = (settings.parent / folder).resolve(), settings.parent.resolve()
+        is_file = full.exists() and not full.is_dir()
+    why = None
+    if full.parent == full:
+        why = "is a whole disk"
+    elif full == _home():
+        why = "is your home folder"
+    elif settings.name != COMMAND_LINE and full == own:
+        why = "is the folder of the project itself"
+    elif settings.name != COMMAND_LINE and full in own.parents:
+        why = f"is {full}, above the folder of the project"
+    elif is_file:
+        why = f"is a file, {full}"
+    if why is not None:
+        raise FileError(settings, f"{folder} {why}; expected a folder for the results alone", "output.folder")
     return full
+
+
+def _home() -> Path | None:
+    """The user's home folder; None where the system names none."""
+    with suppress(RuntimeError, OSError):
+        return Path.home().resolve()
+    return None
 
 
 def existing_picture(settings: Path, key: str, relative: Path) -> Path:
