@@ -13,7 +13,10 @@ from windmark.pipeline.verdict.run import run_verdict
 from windmark.scene import Mesh
 
 CAMERA, POSE = Camera((64, 48), 80.0), Pose.look_at([0, 0, 5], [0, 0, 0], [0, 1, 0])
-PROJECT = SimpleNamespace(align=SimpleNamespace(reference="off", background="nan"), resect=SimpleNamespace(interpolation="linear"), length_unit="mm")
+PROJECT = SimpleNamespace(
+    align=SimpleNamespace(reference="off", background="nan"), resect=SimpleNamespace(interpolation="linear"),
+    length_unit="mm",
+)  # fmt: skip
 
 
 def failed_reference():
