@@ -12,6 +12,7 @@ from windmark.geometry import Pose
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.lens import by_pose, other_interior, table_finding
 from windmark.pipeline.verdict.reasons import told_by
+from windmark.pipeline.verdict.resized import resized
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.registration import NotRegistered, Registration
 from windmark.registration.task import MIN_COUNT
@@ -73,7 +74,7 @@ def registered_findings(seen: Sighting) -> list[Finding]:
     if not len(answer.matching):
         return []
     return [
-        *_bent(answer),
+        *_bent(seen, answer),
         *_odd_markers(seen, answer),
         *_misfit(seen, answer),
         *_moved(seen, answer),
@@ -96,11 +97,13 @@ def refused(no: NotRegistered, count: int) -> Finding:
     return Finding(BAD, cause, f"not registered: {no.reason}", step)
 
 
-def _bent(answer: Registration) -> list[Finding]:
+def _bent(seen: Sighting, answer: Registration) -> list[Finding]:
     bent = answer.deformation
     if bent is None or bent.largest_px < rules.PLACE_PX:
         return []
+    other = resized(answer, seen.spots, seen.markers)  # explains the bending, and stands before it
     return [
+        *([] if other is None else [other]),
         Finding(
             DOUBTFUL,
             "bent",
@@ -108,7 +111,7 @@ def _bent(answer: Registration) -> list[Finding]:
             f"{g2(bent.largest_px)} px); the grid is taken "
             "as rigid",
             "measure the deformation (windmark deform) and map onto the bent grid",
-        )
+        ),
     ]
 
 
