@@ -135,6 +135,7 @@ def image_line(item: ImageResult, result: RunResult) -> str:
         parts.extend(_together_words(item, answer))
         if answer.excess_px > 0.0:
             parts.append(f"markers {g2(answer.off_table)} {result.project.length_unit} off their table")
+        parts.extend(f"unchecked: {u.words}" for u in answer.unchecked if u.what == "radii")
         parts.extend(f"weak {weak.words(result.project.length_unit)}" for weak in answer.weak)
         if answer.deformation is not None:
             bent = answer.deformation

@@ -6,18 +6,19 @@ import re
 import tomllib
 import types
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from unicodedata import normalize
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading, reason
 from windmark.options import Option
 from windmark.pipeline.kinds import other_kind
 from windmark.pipeline.no_toml import why_no_toml
+from windmark.pipeline.plain_numbers import check_numbers
 from windmark.pipeline.typed import nearest, typed
 
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
@@ -39,6 +40,12 @@ class Strict(BaseModel):
     """A table of a settings file: unknown keys are errors, values do not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _numbers_are_written_as_numbers(cls, value: Any, about: ValidationInfo) -> Any:
+        check_numbers(cls.model_fields[str(about.field_name)].annotation, value)
+        return value
 
 
 def ranged(option: Option[Any]) -> Any:
@@ -144,16 +151,25 @@ def existing(settings: Path, key: str, relative: Path) -> Path:
     FileError
         When it does not exist, naming both.
     """
-    with _naming(settings, key):
+    with naming(settings, key):
         full = (settings.parent / relative).resolve()
         is_there = full.is_file()
     if not is_there:
-        raise _fault(settings, f"there is no file {full}; expected an existing file", key)
+        raise _fault(settings, _no_file(settings, full), key)
     return full
 
 
+def _no_file(settings: Path, full: Path) -> str:
+    """Why a setting names no file; an empty one stands for the folder itself."""
+    if full == settings.parent.resolve():
+        return f"is empty, or the project's own folder {full}; expected the path of an existing file"
+    if full.is_dir():
+        return f"{full} is a folder; expected an existing file"
+    return f"there is no file {full}; expected an existing file"
+
+
 @contextmanager
-def _naming(settings: Path, key: str, expected: str = "the path of an existing file") -> Iterator[None]:
+def naming(settings: Path, key: str, expected: str = "the path of an existing file") -> Iterator[None]:
     """What the system says against a path itself: too long, a zero byte, links in a circle."""
     try:
         yield
@@ -164,41 +180,6 @@ def _naming(settings: Path, key: str, expected: str = "the path of an existing f
         raise _fault(settings, f"{why}; expected {expected}", key) from error
 
 
-def result_place(settings: Path, folder: Path) -> Path:
-    """The folder of the results, absolute.
-
-    Raises
-    ------
-    FileError
-        Where it is that of the project itself or one above it, the home folder or a whole disk, whose files would then
-        stand among the results; or a file.
-    """
-    with _naming(settings, "output.folder", "the path of a folder"):
-        full, own = (settings.parent / folder).resolve(), settings.parent.resolve()
-        is_file = full.exists() and not full.is_dir()
-    why = None
-    if full.parent == full:
-        why = "is a whole disk"
-    elif full == _home():
-        why = "is your home folder"
-    elif settings.name != COMMAND_LINE and full == own:
-        why = "is the folder of the project itself"
-    elif settings.name != COMMAND_LINE and full in own.parents:
-        why = f"is {full}, above the folder of the project"
-    elif is_file:
-        why = f"is a file, {full}"
-    if why is not None:
-        raise FileError(settings, f"{folder} {why}; expected a folder for the results alone", "output.folder")
-    return full
-
-
-def _home() -> Path | None:
-    """The user's home folder; None where the system names none."""
-    with suppress(RuntimeError, OSError):
-        return Path.home().resolve()
-    return None
-
-
 def existing_picture(settings: Path, key: str, relative: Path) -> Path:
     """A picture that a settings file names: a file, or the address of a frame (``run.cine[120]``); absolute.
 
@@ -207,12 +188,12 @@ def existing_picture(settings: Path, key: str, relative: Path) -> Path:
     FileError
         When there is no such file or folder, naming both.
     """
-    with _naming(settings, key):
+    with naming(settings, key):
         address = frame_address(settings.parent / relative)
         full = address.file.resolve()
         is_there = full.is_file() or (full.is_dir() and address.number is not None)
     if not is_there:
-        raise _fault(settings, f"there is no file {full}; expected an existing file", key)
+        raise _fault(settings, _no_file(settings, full), key)
     return Path(FrameAddress(full, address.dataset, address.number).text)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,6 +91,10 @@ def refused(no: NotRegistered, count: int) -> Finding:
     if no.cause == "too_few" and count < MIN_COUNT:
         step = "give the table more markers, or let other roles of it take part ([markers] roles)"
     told = told_by(no.reason)
+    labels = no.options.get("fixed")
+    if isinstance(labels, Mapping) and labels and no.cause in ("nothing", "weak", "misfit", "one_pair"):
+        which = f"label {next(iter(labels.values()))}" if len(labels) == 1 else f"labels {', '.join(labels.values())}"
+        step = f"check the {which}: all else has to follow a label; then: {step}"
     if no.cause == "misfit" and told is not None and told[0] == "units":
         cause, step = told
     if no.cause == "wrong_camera" and told is not None and told[0] == "moved":
