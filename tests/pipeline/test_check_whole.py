@@ -205,7 +205,7 @@ def test_results_do_not_go_among_the_inputs(folder):
 
 @pytest.mark.parametrize(("where", "says"), [
     ("..", "above the folder of the project"), ("../..", "above the folder of the project"), ("/", "is a whole disk"),
-    ("HOME", "is your home folder"), ("a.tif", "is a file"),
+    ("HOME", "is your home folder"), ("a.tif", "a.tif: this is a file; expected a folder"),
 ])  # fmt: skip
 def test_results_do_not_go_among_other_files(folder, monkeypatch, where, says):
     """A folder above the project, a disk and the home folder were taken; `check` called a file sound that `run` could
