@@ -266,8 +266,8 @@ def fixed_pairs(
             raise ValueError(f"register: fixed must name spots by their index below {len(detections)}, got {spot}")
         if not used[spot]:
             x, y = detections.xy[spot]
-            raise UsageError(f"register: the fixed spot {spot} of {label} at ({x:.1f}, {y:.1f}) is excluded, or beyond "
-                             "what the lens model can invert")  # fmt: skip
+            raise UsageError(f"register: label {label} at ({x:.1f}, {y:.1f}): fixed spot {spot} is excluded, or the "
+                             "lens model cannot invert it")  # fmt: skip
         if isinstance(label, str):
             if label not in names:
                 raise UsageError(f"register: fixed label {label!r} is not the name of a marker that takes part")
