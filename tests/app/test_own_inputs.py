@@ -58,7 +58,8 @@ def test_a_result_is_not_replaced_by_one_that_is_made_of_it(windmark, tmp_path):
     assert "holds the result of windmark simulate, and this run reads camera.json of it" in done.err
     done = windmark("run", test / "project.toml", "-o", test)
     assert done.code == 2
-    assert "output.folder" in done.err
+    assert "--output" in done.err
+    assert "is the folder of the project itself" in done.err
     assert {path: path.read_bytes() for path in test.rglob("*") if path.is_file()} == before
 
 

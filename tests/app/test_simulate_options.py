@@ -51,7 +51,7 @@ def test_seeds_are_not_negative(verb, windmark, tmp_path):
         (["calibrate", "x.csv", "--unit", "mm", "--max-sigma0", "0"], "'--max-sigma0': expected > 0, not 0"),
         (["undistort", "x.tif", "-c", "c.json", "--magnify", "-1"], "'--magnify': expected > 0 and <= 1000, not -1"),
         (["paint-calibrate", "x.csv", "--t-ref", "20"], "'--t-ref': expected > 50, not 20"),
-        (["detect", "x.tif", "-r", "3", "-r", "-1"], "'--radius' / '-r': expected >= 1, not -1"),
+        (["detect", "x.tif", "-r", "3", "-r", "-1"], "'--radius' / '-r': expected >= 1 and <= 1000, not -1"),
         (["markers", "check", "x.csv", "--unit", "mm", "--within", "0"], "'--within': expected > 0 and <= 180, not 0"),
     ],
 )

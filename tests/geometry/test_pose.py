@@ -61,7 +61,8 @@ def test_rotvec_goes_both_ways():
         (np.stack([np.eye(3)] * 2), np.zeros(3), "expected rotation"),
         (np.eye(3) * np.nan, np.zeros(3), "finite"),
         (np.eye(3), [0, 0, np.inf], "finite"),
-        (np.diag([1.0, 1, -1]), np.zeros(3), "mirrored"),
+        (np.diag([1.0, 1, -1]), np.zeros(3), "is mirrored: its determinant is -1"),
+        (np.diag([1.0, 1, -1.1]), np.zeros(3), "off by 0.21"),
         (1.001 * np.eye(3), np.zeros(3), "orthonormal"),
     ],
 )

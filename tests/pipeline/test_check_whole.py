@@ -1,5 +1,7 @@
 """What does not fit together in a project, and what its verb would refuse at once: `check` says it, every time all."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from windmark.geometry import Camera, Pose
 from windmark.io import FileError
 from windmark.pipeline.check import check_project
 from windmark.pipeline.deform.project import read_deform_project
+from windmark.pipeline.plain_numbers import check_numbers
 from windmark.pipeline.project import read_project
 from windmark.scene import MarkerSet, Mesh
 
@@ -200,6 +203,55 @@ def test_results_do_not_go_among_the_inputs(folder):
         read_project(folder / "project.toml")
 
 
+@pytest.mark.parametrize(("where", "says"), [
+    ("..", "above the folder of the project"), ("../..", "above the folder of the project"), ("/", "is a whole disk"),
+    ("HOME", "is your home folder"), ("a.tif", "a.tif: this is a file; expected a folder"),
+])  # fmt: skip
+def test_results_do_not_go_among_other_files(folder, monkeypatch, where, says):
+    """A folder above the project, a disk and the home folder were taken; `check` called a file sound that `run` could
+    not write into.
+    """
+    home = folder / "home"
+    home.mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("USERPROFILE", str(home))
+    text = RUN + f'[output]\nfolder = "{home.as_posix() if where == "HOME" else where}"\n'
+    assert says in problems(folder, text)["output.folder"].words
+    with pytest.raises(FileError, match=says):
+        read_project(folder / "project.toml")
+
+
+@pytest.mark.parametrize("where", ["results", "home/results", "../beside"])
+def test_results_go_into_a_folder_of_their_own(folder, where):
+    (folder / "results").mkdir()
+    (folder / "results" / "notes.txt").write_text("mine")
+    assert not problems(folder, RUN + f'[output]\nfolder = "{where}"\n')
+
+
 def test_a_folder_stands_for_its_only_project(folder):
     (folder / "project.toml").write_text(RUN)
     assert project_in(folder) == folder / "project.toml"
+
+
+@pytest.mark.parametrize(("value", "says"), [
+    ("true", "expected a number, got true"), ("[3, false]", "expected a number, got false"),
+    ("inf", "expected a finite number"), ("nan", "expected a finite number"), ("4e9", "less than or equal to 1000"),
+    ("0.5", "greater than or equal to 1"), ('"4.0"', "expected a number, without quotes, got '4.0'"),
+])  # fmt: skip
+def test_what_is_no_number_is_not_taken_for_one(folder, value, says):
+    """true was a radius of 1 px, inf one without end."""
+    assert says in problems(folder, RUN.replace("radius_px = 3", f"radius_px = {value}"))["detect.radius_px"].words
+
+
+def test_what_may_be_no_number_is_taken_as_it_is(folder):
+    assert not problems(folder, RUN.replace("radius_px = 3", "radius_px = [3, 4.5]") + "[output]\npixels = true\n")
+    check_numbers(int | None, None)
+    check_numbers(float | str, "4.0")
+    check_numbers(Literal["auto"] | float, "auto")
+    check_numbers(bool | float, True)
+    check_numbers(dict[str, float], {"a": "its own matter"})
+
+
+def test_an_empty_name_is_not_a_file_that_is_missing(folder):
+    found = problems(folder, RUN.replace('"camera.json"', '""'))
+    assert "is empty, or the project's own folder" in found["camera[0].file"].words

@@ -53,7 +53,7 @@ def test_a_good_project_has_absolute_paths_and_defaults(write, tmp_path):
     [
         (("radius_px = 3", "radius_px = 3\nradios = 2"), ["detect.radios", "unknown key", "merit_max"]),
         (("[grid]", "[gird]"), ["gird", "unknown key", "grid"]),
-        (("radius_px = 3", "radius_px = -3"), ["detect.radius_px", "greater than 0", "-3"]),
+        (("radius_px = 3", "radius_px = -3"), ["detect.radius_px", "greater than or equal to 1", "-3"]),
         (("radius_px = 3", 'radius_px = "big"'), ["detect.radius_px", "big"]),
         (('length_unit = "mm"', ""), ["length_unit", "missing"]),
         (('length_unit = "mm"', 'length_unit = "furlong"'), ["length_unit", "furlong", "mm"]),

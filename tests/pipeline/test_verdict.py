@@ -188,6 +188,17 @@ def test_every_refusal_has_a_cause_and_a_next_step():
     assert "detected spots" in refused(few, 40).next_step
 
 
+def test_a_label_is_what_is_checked_first_where_nothing_fits_with_it():
+    """Of a binding label at another marker's spot the next step was "more markers in view"."""
+    step = refused(NotRegistered("chance", "weak", options={"fixed": {5: "W02"}}), 40).next_step
+    assert step.startswith("check the label W02")
+    assert "check the labels W02, W05" in refused(
+        NotRegistered("chance", "nothing", options={"fixed": {5: "W02", 7: "W05"}}), 40
+    ).next_step
+    for without in ({}, {"fixed": {}}, {"fixed": ({}, {})}):
+        assert refused(NotRegistered("chance", "weak", options=without), 40).next_step.startswith("more markers")
+
+
 def test_what_explains_comes_first_and_one_bad_image_makes_no_job_bad():
     few = Finding(BAD, "few", "few markers", "more", "a")
     blurred = Finding(DOUBTFUL, "blurred", "blurred", "focus", "a")

@@ -16,7 +16,9 @@ from windmark.pipeline.verdict.infrared import infrared_verdict
 from windmark.pipeline.verdict.lens import OtherInterior, other_interior
 from windmark.pipeline.verdict.paint import psp_verdict
 from windmark.pipeline.verdict.registered import Sighting, registered_findings, spot_px, what_is_left
+from windmark.pipeline.verdict.resized import in_pixels_of
 from windmark.pipeline.verdict.series import lost_findings
+from windmark.pipeline.verdict.verdict import Verdict
 from windmark.registration import register
 from windmark.scene import Detections
 from windmark.tasks.psp.taps import TapTable
@@ -170,3 +172,33 @@ def test_a_sentence_tells_its_cause_wherever_it_ends_a_job(reason, cause):
     assert found.cause == (cause or "lost")
     none = psp_verdict([PointRecord("p1", 0.0, {}, "failed", reason)])
     assert (none.word, none.cause) == (BAD, cause or "no match")
+
+
+# --- pictures of another size than the camera's --------------------------------------------------------
+def test_a_camera_of_pictures_of_another_size_is_the_reason_for_a_bent_model(seen):
+    """Of a binned picture only the file's size had been halved: "the model is bent by 0.84 %"."""
+    camera, spots, markers = seen
+    half = in_pixels_of(camera, 0.5)
+    assert (half.focal_px, half.cx) == (camera.focal_px / 2, (camera.cx + 0.5) / 2 - 0.5)
+    small = replace(spots, xy=(spots.xy + 0.5) / 2 - 0.5, cov=spots.cov)
+    wrong = replace(camera, size_px=(500, 400), cov=None)
+    got = register(small, markers, wrong)
+    assert got, got.reason
+    assert got.deformation is not None
+    found = registered_findings(Sighting(got, small, markers, unit="mm"))
+    verdict = Verdict.of(found, 1, "", "")
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "camera")
+    assert "with 0.5 times the focal length" in verdict.reason
+    assert "bent" in [f.cause for f in found]
+
+
+def test_a_model_that_is_bent_is_not_said_to_be_another_size_of_pictures(seen):
+    camera, spots, markers = seen
+    u = markers.xyz - markers.xyz.mean(axis=0)
+    along = np.linalg.svd(u, full_matrices=False)[2]
+    bent = replace(markers, xyz=markers.xyz + np.outer((u @ along[0]) ** 2 / 4e4, along[2]))
+    got = register(spots, bent, camera, max_deformation=0.02)
+    assert got, got.reason
+    assert got.deformation is not None
+    found = registered_findings(Sighting(got, spots, bent, unit="mm"))
+    assert [f.cause for f in found][:1] == ["bent"]

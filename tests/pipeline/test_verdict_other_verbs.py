@@ -17,10 +17,11 @@ from windmark.pipeline.results import ImageResult
 from windmark.pipeline.simulate_cameras import camera_shots
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import BAD, DOUBTFUL, GOOD
+from windmark.pipeline.verdict.given import empty_lists, given_pose
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.pair import pair_verdict
 from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_fields
-from windmark.pipeline.verdict.run import _contradicted, _given_pose, run_verdict
+from windmark.pipeline.verdict.run import _contradicted, run_verdict
 from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import register
 from windmark.scene import Detections
@@ -93,10 +94,10 @@ file = "taps.csv"
 """
 
 
-def judged(folder, test, image, scale=1.0):
+def judged(folder, test, image, scale=1.0, pose=None):
     """A picture with the pose of "wind-off"; the points are some nodes of the grid times ``scale``."""
     shot = test.shot("wind-off")
-    io.write_camera(folder / "camera.json", test.cameras["cam1"], shot.view.cam_from_model, unit="mm")
+    io.write_camera(folder / "camera.json", test.cameras["cam1"], pose or shot.view.cam_from_model, unit="mm")
     io.write_markers(folder / "markers.csv", test.markers, length_unit="mm")
     io.write_mesh(folder / "model.grid", test.mesh)
     io.write_image(folder / "a.tif", image)
@@ -145,8 +146,46 @@ def test_few_markers_and_unknown_sizes_say_nothing_of_a_pose(tunnel):
     assert markers_at_pose(shot.image, camera, pose, unknown, None, "auto") is None
     away = markers_at_pose(shot.image, camera, Pose.from_rotvec([0, np.pi, 0], [0, 0, 0]) @ pose, m, None, "dark")
     assert (away.expected, away.found) == (0, 0)
-    for seen in (None, away, AtPose(5, 0, np.nan)):
-        assert _given_pose(SimpleNamespace(at_pose=seen)) == []
+    for seen in (None, AtPose(3, 3, 0.05), AtPose(5, 4, 0.05)):
+        assert given_pose(ImageResult("a", None, camera, pose, at_pose=seen)) == []
+
+
+@pytest.mark.parametrize(("seen", "cause", "says"), [
+    (AtPose(0, 0, np.nan), "few", "from the given pose no marker of the table can be looked for"),
+    (AtPose(2, 2, 0.05), "few", "from the given pose only 2 markers of the table can be looked for"),
+    (AtPose(2, 0, np.nan), "moved", "0 of 2 markers are where the given pose has them"),
+    (AtPose(4, 4, 2.0), "moved", "the markers are 2 px (RMS per coordinate) from"),
+])  # fmt: skip
+def test_a_given_pose_that_few_markers_can_contradict_is_doubted(tunnel, seen, cause, says):
+    """It was "good: 0 of 0 markers are where the given pose has them"."""
+    (found,) = given_pose(ImageResult("a", None, tunnel.cameras["cam1"], at_pose=seen))
+    assert (found.word, found.cause) == (DOUBTFUL, cause)
+    assert says in found.reason
+
+
+def test_a_pose_in_another_unit_than_the_grid_is_no_good_result(tmp_path, tunnel):
+    """In metres beside a grid in mm the camera is within the model: no marker is in view, and next to no node."""
+    shot = tunnel.shot("wind-off")
+    pose = shot.view.cam_from_model
+    metres = Pose(pose.rotation, pose.translation / 1000.0)
+    verdict = judged(tmp_path, tunnel, shot.image, pose=metres)
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "units"), verdict
+    assert "nodes of the grid are in view" in verdict.reason
+    assert "unit of the grid" in verdict.next_step
+    said = " ".join(f.reason for f in verdict.findings)
+    assert "points taps: none of " in said
+    assert "nothing could contradict it" in said
+
+
+def test_a_list_of_points_that_one_of_two_pictures_shows_is_not_empty():
+    of = SimpleNamespace(stem="points-taps", kind="points", name="taps", names=np.array(["a"]), far=np.array([False]))
+    lost, has = (
+        SimpleNamespace(of=of, values=SimpleNamespace(reason=np.array([code]), words=np.array([words])))
+        for code, words in ((3, "outside"), (0, ""))
+    )
+    assert empty_lists([SimpleNamespace(points=(lost,)), SimpleNamespace(points=(has,))]) == []
+    (found,) = empty_lists([SimpleNamespace(points=(lost,))])
+    assert "points taps: none of 1 points has a value in any picture (most: outside)" in found.reason
 
 
 # --- a followed sequence ----------------------------------------------------------------------------
@@ -384,5 +423,5 @@ def test_a_doubted_grid_under_a_given_pose_is_no_bad_result(tunnel):
     result = SimpleNamespace(images=(given,), markers=tunnel.markers, mesh=mesh, project=project, lost_views=(),
                              merged=())  # fmt: skip
     verdict = run_verdict(result)
-    assert [f.cause for f in verdict.findings] == ["saturated", "grid"]
+    assert [f.cause for f in verdict.findings] == ["saturated", "grid", "few"]
     assert verdict.word == DOUBTFUL

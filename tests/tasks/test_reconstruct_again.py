@@ -135,3 +135,27 @@ def test_a_primary_off_its_table_is_named(model):
     assert "is not where its table says" in " ".join(result.warnings)
     far = float(result.unrecognised[name].split(" is ")[1].split()[0])
     assert 24.5 < far < 25.5  # its own marker, which has no name now
+
+
+@pytest.mark.slow
+def test_three_primaries_alone_do_not_put_the_blame_on_a_fourth_that_is_right(model):
+    """One of three that hold the frame is off across their plane, which no residual shows; the fourth, right, was
+    "not where its table says".
+    """
+    given, at = primaries(model), [0, 1, 2, 3]
+    index = [int(str(n)[1:]) for n in given.name[at]]
+    xyz = given.xyz[at]
+    across = np.cross(xyz[1] - xyz[0], xyz[2] - xyz[0])
+    wrong = xyz.copy()
+    wrong[0] += 2.0 * across / np.linalg.norm(across)
+    table = MarkerSet.make(given.name[at], wrong, sigma=given.sigma[at])
+    labels = {
+        str(v): {int(np.flatnonzero(label == k)[0]): f"P{k}" for k in index[:3] if k in label}
+        for v, label in enumerate(model.labels)
+    }
+    result = reconstruct(model.detections, model.camera, table, labels=labels)
+    assert result, result.reason
+    assert set(given.name[at].tolist()) <= set(result.suspect)
+    assert "nothing tells which" in " ".join(result.warnings)
+    right = reconstruct(model.detections, model.camera, replace(table, xyz=xyz), labels=labels)
+    assert right.warnings == ()

@@ -29,6 +29,9 @@ def test_a_label_means_the_nearest_spot_within_reach():
         excluded_spots(SPOTS.take([]), [(1.0, 2.0)], 3.0)
     assert excluded_spots(SPOTS, [(30.0, 41.0), (10.0, 9.0), (30.0, 39.0)], 3.0).tolist() == [0, 2]
     assert excluded_spots(SPOTS, [], 3.0).dtype == np.int64
+    with pytest.raises(UsageError, match=r"exclude: the spot at \(10.0, 10.0\) has the label a; take the label or"):
+        excluded_spots(SPOTS, [(10.0, 9.0)], 3.0, {0: "a"})
+    assert excluded_spots(SPOTS, [(10.0, 9.0)], 3.0, {1: "a"}).tolist() == [0]
 
 
 def test_chances_of_false_spots_are_uniform_where_nothing_belongs_together():

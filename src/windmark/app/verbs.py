@@ -17,6 +17,7 @@ from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.job import run_project
 from windmark.pipeline.merge import MergeResult
 from windmark.pipeline.project import Project, make_project, read_project
+from windmark.pipeline.result_place import check_output
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.settings import COMMAND_LINE
 from windmark.pipeline.truth import Comparison
@@ -40,7 +41,9 @@ def run(
 ) -> None:
     """The main job from a project file; what is given besides replaces the file's own."""
     given: dict[str, dict[str, Any]] = {"register": {}}
+    path = project_in(path, "run")
     if output is not None:
+        check_output(path, output)
         given["output"] = {"folder": output.resolve()}
     if max_time_s is not None:
         given["register"]["max_time_s"] = max_time_s
@@ -52,7 +55,7 @@ def run(
         given["register"]["method"] = method
     if roles:
         given["markers"] = {"roles": roles}
-    project = read_project(project_in(path, "run"), given)
+    project = read_project(path, given)
     finish(*carry_out(project), as_json)
 
 
@@ -135,6 +138,7 @@ def image_line(item: ImageResult, result: RunResult) -> str:
         parts.extend(_together_words(item, answer))
         if answer.excess_px > 0.0:
             parts.append(f"markers {g2(answer.off_table)} {result.project.length_unit} off their table")
+        parts.extend(f"unchecked: {u.words}" for u in answer.unchecked if u.what == "radii")
         parts.extend(f"weak {weak.words(result.project.length_unit)}" for weak in answer.weak)
         if answer.deformation is not None:
             bent = answer.deformation

@@ -112,7 +112,12 @@ class Pose:
         if not (_finite(r) and _finite(t)):
             raise ValueError("Pose: rotation and translation must be finite")
         error, least_det = _off_orthonormal(r)
-        if error > 1e-6 or least_det < 0:
+        if error <= 1e-6 and least_det < 0:
+            raise ValueError(
+                "Pose: rotation is mirrored: its determinant is -1; expected +1 (an axis has the wrong sign, or the "
+                "axes are left-handed)"
+            )
+        if error > 1e-6:
             raise ValueError(
                 f"Pose: rotation must be orthonormal with determinant +1, it is off by {g2(error)}"
                 " (a mirrored or scaled matrix is not a rotation)"

@@ -14,8 +14,8 @@ Channel = Literal["grey", "red", "green", "blue"]
 Bayer = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
 
 RADIUS_PX: Option[None] = Option(
-    "radius_px", None, "Marker radius in pixels; several times for a range.", "px", least=1.0, flag="--radius",
-    otherwise="found in the image",
+    "radius_px", None, "Marker radius in pixels; several times for a range.", "px", least=1.0, most=1000.0,
+    flag="--radius", otherwise="found in the image",
 )  # fmt: skip
 POLARITY: Option[Polarity] = Option(
     "polarity", "dark", "dark (markers on paint) or bright (warm ones in infrared).", choices=get_args(Polarity)

@@ -171,7 +171,8 @@ def looked(result: ImageResult, inputs: Inputs, clock: Clock, polarity: str) -> 
 def told(found: Detections, entry: ImageEntry, inputs: Inputs) -> tuple[dict[int, str], NDArray[np.int64]]:
     """Labels and exclusions of an image by spot; errors as `fixed_spots`."""
     within = inputs.project.register_.label_distance_px
-    return fixed_spots(found, entry.labels, within), excluded_spots(found, entry.exclude, within)
+    fixed = fixed_spots(found, entry.labels, within)
+    return fixed, excluded_spots(found, entry.exclude, within, fixed)
 
 
 def register_options(inputs: Inputs) -> dict[str, Any]:

@@ -143,25 +143,31 @@ def align_images(images: Sequence[ImageResult], project: Project, mesh: Mesh) ->
     """3D alignment (the paper's section III.D): every image as seen from the reference's pose.
 
     The grid moves with the model. Pixels that show none of it in the reference are NaN, or, on demand, what stands
-    still: the image's own pixels, where the model does not hide it in that image.
+    still: the image's own pixels, where the model does not hide it in that image. What cannot be aligned costs only the
+    alignment: pose and values of that image are what they are, and it becomes a line of ``left_out``.
     """
     assert project.align is not None
     reference = next(i for i in images if i.name == project.align.reference)
     if reference.cam_from_model is None:
         why = f"not aligned: the reference image {reference.name} has no pose"
-        return [replace(i, problem=i.problem or why) for i in images]
+        return [_not_aligned(i, why) for i in images]
     pixels = resection.map_pixels(mesh, reference.camera, reference.cam_from_model)
     wanted = reference.quantity.column
     other = f"not aligned: its values are not {wanted}, as those of the reference, but "
     aligned = [
         _aligned(item, pixels, project.resect)
         if item.quantity.column == wanted
-        else replace(item, problem=item.problem or other + item.quantity.column)
+        else _not_aligned(item, other + item.quantity.column)
         for item in images
     ]
     if project.align.background == "keep":
         aligned = [_with_background(item, pixels, still=item.name == reference.name) for item in aligned]
     return aligned
+
+
+def _not_aligned(item: ImageResult, why: str) -> ImageResult:
+    """An image that keeps all but its alignment; of one that went wrong itself that is enough."""
+    return item if item.problem else replace(item, left_out=(*item.left_out, why))
 
 
 def _aligned(item: ImageResult, pixels: PixelMap, options: ResectOptions) -> ImageResult:

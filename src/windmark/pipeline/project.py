@@ -31,6 +31,7 @@ from windmark.pipeline.project_entries import (
     Unit,
     ViewEntry,
 )
+from windmark.pipeline.result_place import result_place
 from windmark.pipeline.rig_settings import RigOptions, check_rig, instants, rig_cameras
 from windmark.pipeline.settings import (
     Strict,
@@ -38,7 +39,6 @@ from windmark.pipeline.settings import (
     existing_picture,
     explained,
     read_toml,
-    result_place,
     unusable_name,
 )
 from windmark.pipeline.wanted import LineEntry, MergeOptions, PointsEntry, check_merge

@@ -58,6 +58,7 @@ Unit = Literal["in", "ft", "mm", "cm", "m"]
 NodeFormat = Literal["vtk", "tecplot", "plot3d", "csv", "netcdf"]
 Role = Literal["model", "wall", "primary", "secondary", "tap", "virtual", "fiducial"]
 Positive = Annotated[float, Field(gt=0)]
+Radius = Annotated[float, ranged(RADIUS_PX)]
 
 
 class CameraEntry(Strict):
@@ -169,7 +170,7 @@ class DetectOptions(Strict):
     which only pixels that are not 0 are used, or a table of polygons (see `io.read_mask`).
     """
 
-    radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = RADIUS_PX.default
+    radius_px: Radius | Annotated[tuple[Radius, ...], Field(min_length=1)] | None = RADIUS_PX.default
     polarity: PolarityOrAuto = POLARITY_OR_AUTO.default
     merit_max: Annotated[float, ranged(MERIT_MAX)] = MERIT_MAX.default
     refine: Refine = REFINE.default

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from unicodedata import normalize
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from windmark.io import FrameAddress, frame_address
 from windmark.io.errors import FileError, reading, reason
 from windmark.options import Option
 from windmark.pipeline.kinds import other_kind
 from windmark.pipeline.no_toml import why_no_toml
+from windmark.pipeline.plain_numbers import check_numbers
 from windmark.pipeline.typed import nearest, typed
 
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){100}")
@@ -39,6 +40,12 @@ class Strict(BaseModel):
     """A table of a settings file: unknown keys are errors, values do not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _numbers_are_written_as_numbers(cls, value: Any, about: ValidationInfo) -> Any:
+        check_numbers(cls.model_fields[str(about.field_name)].annotation, value)
+        return value
 
 
 def ranged(option: Option[Any]) -> Any:
@@ -144,16 +151,25 @@ def existing(settings: Path, key: str, relative: Path) -> Path:
     FileError
         When it does not exist, naming both.
     """
-    with _naming(settings, key):
+    with naming(settings, key):
         full = (settings.parent / relative).resolve()
         is_there = full.is_file()
     if not is_there:
-        raise _fault(settings, f"there is no file {full}; expected an existing file", key)
+        raise _fault(settings, _no_file(settings, full), key)
     return full
 
 
+def _no_file(settings: Path, full: Path) -> str:
+    """Why a setting names no file; an empty one stands for the folder itself."""
+    if full == settings.parent.resolve():
+        return f"is empty, or the project's own folder {full}; expected the path of an existing file"
+    if full.is_dir():
+        return f"{full} is a folder; expected an existing file"
+    return f"there is no file {full}; expected an existing file"
+
+
 @contextmanager
-def _naming(settings: Path, key: str) -> Iterator[None]:
+def naming(settings: Path, key: str, expected: str = "the path of an existing file") -> Iterator[None]:
     """What the system says against a path itself: too long, a zero byte, links in a circle."""
     try:
         yield
@@ -161,22 +177,7 @@ def _naming(settings: Path, key: str) -> Iterator[None]:
         raise
     except (OSError, ValueError, RuntimeError) as error:
         why = reason(error) if isinstance(error, OSError) else str(error)
-        raise _fault(settings, f"{why}; expected the path of an existing file", key) from error
-
-
-def result_place(settings: Path, folder: Path) -> Path:
-    """The folder of the results, absolute.
-
-    Raises
-    ------
-    FileError
-        Where it is that of the project itself, whose files would then stand among the results.
-    """
-    full = (settings.parent / folder).resolve()
-    if full == settings.parent.resolve() and settings.name != COMMAND_LINE:
-        words = f"{folder} is the folder of the project itself; expected one for the results alone"
-        raise FileError(settings, words, "output.folder")
-    return full
+        raise _fault(settings, f"{why}; expected {expected}", key) from error
 
 
 def existing_picture(settings: Path, key: str, relative: Path) -> Path:
@@ -187,12 +188,12 @@ def existing_picture(settings: Path, key: str, relative: Path) -> Path:
     FileError
         When there is no such file or folder, naming both.
     """
-    with _naming(settings, key):
+    with naming(settings, key):
         address = frame_address(settings.parent / relative)
         full = address.file.resolve()
         is_there = full.is_file() or (full.is_dir() and address.number is not None)
     if not is_there:
-        raise _fault(settings, f"there is no file {full}; expected an existing file", key)
+        raise _fault(settings, _no_file(settings, full), key)
     return Path(FrameAddress(full, address.dataset, address.number).text)
 
 

@@ -265,7 +265,9 @@ def fixed_pairs(
         if not 0 <= spot < len(detections):
             raise ValueError(f"register: fixed must name spots by their index below {len(detections)}, got {spot}")
         if not used[spot]:
-            raise UsageError(f"register: fixed spot {spot} is excluded, or the lens model cannot invert it")
+            x, y = detections.xy[spot]
+            raise UsageError(f"register: label {label} at ({x:.1f}, {y:.1f}): fixed spot {spot} is excluded, or the "
+                             "lens model cannot invert it")  # fmt: skip
         if isinstance(label, str):
             if label not in names:
                 raise UsageError(f"register: fixed label {label!r} is not the name of a marker that takes part")

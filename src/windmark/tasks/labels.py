@@ -32,9 +32,17 @@ def fixed_spots(spots: Detections, labels: Mapping[str, Place], within_px: float
     return fixed
 
 
-def excluded_spots(spots: Detections, places: Sequence[Place], within_px: float) -> NDArray[np.int64]:
-    """Indices of the spots at the given places; errors as `fixed_spots`."""
-    return np.array(sorted({_nearest(spots, place, within_px, "exclude") for place in places}), dtype=np.int64)
+def excluded_spots(
+    spots: Detections, places: Sequence[Place], within_px: float, fixed: Mapping[int, str] | None = None
+) -> NDArray[np.int64]:
+    """Indices of the spots at the given places; errors as `fixed_spots`, and where one is ``fixed`` by a label."""
+    out = sorted({_nearest(spots, place, within_px, "exclude") for place in places})
+    for spot in out:
+        if spot in (fixed or {}):
+            x, y = spots.xy[spot]
+            raise UsageError(f"exclude: the spot at ({x:.1f}, {y:.1f}) has the label {(fixed or {})[spot]}; take the "
+                             "label or the exclusion out")  # fmt: skip
+    return np.array(out, dtype=np.int64)
 
 
 def _nearest(spots: Detections, place: Place, within_px: float, what: str) -> int:

@@ -14,8 +14,9 @@ from windmark.options.detection import MERIT_MAX, PHOTOMETRY, POLARITY, RADIUS_P
 from windmark.options.registration import MAX_DEFORMATION, MAX_TABLE_ERROR, MAX_TIME_S, OCCLUSION, SEED
 from windmark.pipeline.faults import Faults
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.project_entries import Direction, GridEntry, Positive, Role, Unit, Vector
-from windmark.pipeline.settings import Strict, existing, explained, ranged, read_toml, result_place
+from windmark.pipeline.project_entries import Direction, GridEntry, Positive, Radius, Role, Unit, Vector
+from windmark.pipeline.result_place import result_place
+from windmark.pipeline.settings import Strict, existing, explained, ranged, read_toml
 from windmark.pipeline.typed import nearest
 from windmark.pipeline.wanted import PointsEntry
 
@@ -127,7 +128,7 @@ def no_law(law: str) -> str:
 class LookEntry(Strict):
     """How markers are found: options of `detect` and, for frames without a frame before, of `register`."""
 
-    radius_px: Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | None = RADIUS_PX.default
+    radius_px: Radius | Annotated[tuple[Radius, ...], Field(min_length=1)] | None = RADIUS_PX.default
     polarity: Polarity = POLARITY.default
     merit_max: Annotated[float, ranged(MERIT_MAX)] = MERIT_MAX.default
     photometry: Photometry | None = PHOTOMETRY.default

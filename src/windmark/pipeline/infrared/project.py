@@ -14,7 +14,8 @@ from windmark.pipeline.faults import Faults
 from windmark.pipeline.infrared.walls import WallEntry
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project_entries import Finite, GridEntry, NodeFormat, Positive, Unit
-from windmark.pipeline.settings import Strict, existing, explained, read_toml, result_place
+from windmark.pipeline.result_place import result_place
+from windmark.pipeline.settings import Strict, existing, explained, read_toml
 from windmark.pipeline.wanted import PointsEntry
 
 Pattern = Annotated[str, Field(min_length=1)]

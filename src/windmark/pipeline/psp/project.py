@@ -30,7 +30,8 @@ from windmark.pipeline.psp.entries import (
     TemperatureEntry,
 )
 from windmark.pipeline.psp.stream import constants_of
-from windmark.pipeline.settings import Strict, existing, explained, read_toml, result_place
+from windmark.pipeline.result_place import result_place
+from windmark.pipeline.settings import Strict, existing, explained, read_toml
 from windmark.pipeline.wanted import PointsEntry
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from windmark.calibration import Calibration, NotCalibrated
 from windmark.calibration.quality import residual_map
+from windmark.calibration.three_points import turn_of_three
 from windmark.errors import g2
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.doubts import STEPS, doubt_finding
@@ -58,9 +59,11 @@ def calibrate_verdict(
                 "trust the sigmas only times this number; more lens parameters (k3, tilts) may help",
             )
         )
+    unchecked, more = _unchecked(done.result)
     return Verdict.of(
-        found, 1, _good(done.result, unit), "use the camera file; keep focus, zoom and aperture as they were"
-    )
+        found, 1, _good(done.result, unit) + unchecked,
+        f"use the camera file; keep focus, zoom and aperture as they were{more}",
+    )  # fmt: skip
 
 
 def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pictures: Sequence[Picture]) -> Verdict:
@@ -91,9 +94,12 @@ def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pi
                 "take more pictures of them",
             )
         )
+    # One that was recognised by its place alone checks the three that hold the frame.
+    unchecked, more = _unchecked(result.calibration) if (result.markers.role == "primary").sum() <= 3 else ("", "")
     return Verdict.of(
-        found, 1, _good(result.calibration, unit), "use markers.csv; its sigmas are those of this adjustment"
-    )
+        found, 1, _good(result.calibration, unit) + unchecked,
+        f"use markers.csv; its sigmas are those of this adjustment{more}",
+    )  # fmt: skip
 
 
 def _left_out(out: Mapping[str, str], count: int) -> list[Finding]:
@@ -183,6 +189,14 @@ def _good(result: Calibration, unit: str) -> str:
         f"{len(result.views)} views agree: residuals of {g2(result.rms_px)} px RMS are {g2(result.sigma0)} times the "
         f"marks' noise{known}"
     )
+
+
+def _unchecked(result: Calibration) -> tuple[str, str]:
+    """What a good network of three known markers rests on, and what would check it; "" of others."""
+    turn = turn_of_three(result)
+    if turn is None:
+        return "", ""
+    return f"; {turn}", "; a fourth known marker would check the three, which all of it rests on"
 
 
 def _blurred(pictures: Sequence[Picture]) -> list[Finding]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from windmark.geometry import Pose
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.lens import by_pose, other_interior, table_finding
 from windmark.pipeline.verdict.reasons import told_by
+from windmark.pipeline.verdict.resized import resized
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.registration import NotRegistered, Registration
 from windmark.registration.task import MIN_COUNT
@@ -73,7 +75,7 @@ def registered_findings(seen: Sighting) -> list[Finding]:
     if not len(answer.matching):
         return []
     return [
-        *_bent(answer),
+        *_bent(seen, answer),
         *_odd_markers(seen, answer),
         *_misfit(seen, answer),
         *_moved(seen, answer),
@@ -89,6 +91,10 @@ def refused(no: NotRegistered, count: int) -> Finding:
     if no.cause == "too_few" and count < MIN_COUNT:
         step = "give the table more markers, or let other roles of it take part ([markers] roles)"
     told = told_by(no.reason)
+    labels = no.options.get("fixed")
+    if isinstance(labels, Mapping) and labels and no.cause in ("nothing", "weak", "misfit", "one_pair"):
+        which = f"label {next(iter(labels.values()))}" if len(labels) == 1 else f"labels {', '.join(labels.values())}"
+        step = f"check the {which}: all else has to follow a label; then: {step}"
     if no.cause == "misfit" and told is not None and told[0] == "units":
         cause, step = told
     if no.cause == "wrong_camera" and told is not None and told[0] == "moved":
@@ -96,11 +102,13 @@ def refused(no: NotRegistered, count: int) -> Finding:
     return Finding(BAD, cause, f"not registered: {no.reason}", step)
 
 
-def _bent(answer: Registration) -> list[Finding]:
+def _bent(seen: Sighting, answer: Registration) -> list[Finding]:
     bent = answer.deformation
     if bent is None or bent.largest_px < rules.PLACE_PX:
         return []
+    other = resized(answer, seen.spots, seen.markers)  # explains the bending, and stands before it
     return [
+        *([] if other is None else [other]),
         Finding(
             DOUBTFUL,
             "bent",
@@ -108,7 +116,7 @@ def _bent(answer: Registration) -> list[Finding]:
             f"{g2(bent.largest_px)} px); the grid is taken "
             "as rigid",
             "measure the deformation (windmark deform) and map onto the bent grid",
-        )
+        ),
     ]
 
 

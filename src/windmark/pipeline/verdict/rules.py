@@ -24,6 +24,11 @@ FEW = 6
 """Markers from which a wrong one among them can be told from a wrong pose: twelve numbers for six unknowns."""
 FAR_POINTS = 1 / 2
 """Part of a list's points that are not on the surface, from which the list is of another unit or frame."""
+CONFIRM = 3
+"""Markers at their places from which a given pose is confirmed: six numbers for its six unknowns."""
+HARDLY_SEEN = 0.01
+"""Part of the grid's nodes that a given pose has in view, below which its unit or its frame is asked first: half of
+them face the camera, and no picture is taken for a hundredth of a model."""
 GRID_BESIDE = 5e-4
 """Part of its size by which a grid stands beside its markers: half a pixel of a thousand across it."""
 SPREAD = 3.0

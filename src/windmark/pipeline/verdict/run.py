@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from windmark.errors import g2, g3
+from windmark.errors import g3
 from windmark.paint.cameras import cameras_apart
 from windmark.pipeline.points import PointTable
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
+from windmark.pipeline.verdict.given import NOTHING_MATCHED, empty_lists, given_pose
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
 from windmark.pipeline.verdict.reasons import told_by
@@ -45,10 +46,12 @@ def run_verdict(result: RunResult) -> Verdict:
                 )
             )
     found += _contradicted([group.merged for group in result.merged if group.merged is not None])
-    if not found and all(item.registered is None and item.at_pose is None for item in result.images):
-        said = "the poses were given, and nothing was matched that could contradict them"
-        step = "give the marker table as well (-m, or [markers]), and look at the grid over the picture"
-        found.append(Finding(DOUBTFUL, "few", said, step))
+    found += empty_lists(result.images)
+    unmatched = all(item.registered is None and item.at_pose is None for item in result.images)
+    if unmatched and all(f.word != BAD for f in found):
+        table = "the marker table as well (-m, or [markers])" if result.markers is None else "the table its radii"
+        step = f"give {table}, and look at the grid over the picture"
+        found.append(Finding(DOUBTFUL, "few", NOTHING_MATCHED, step))
     return Verdict.of(found, len(result.images), *_good(result))
 
 
@@ -106,7 +109,7 @@ def _beyond(item: ImageResult) -> float:
 def _image(item: ImageResult, result: RunResult) -> list[Finding]:
     state = _state(item)
     found = [] if state is None else picture_findings(state)
-    found += _given_pose(item)
+    found += given_pose(item)
     unit = result.project.length_unit
     found += [_far(table, unit) for table in item.points if table.of.far.mean() > rules.FAR_POINTS]
     if item.registration is not None and item.detections is not None and result.markers is not None:
@@ -120,21 +123,6 @@ def _image(item: ImageResult, result: RunResult) -> list[Finding]:
     if item.problem and all(f.word != BAD for f in found):
         found.append(_file(item.problem))
     return found
-
-
-def _given_pose(item: ImageResult) -> list[Finding]:
-    """Markers that are not where a pose that was given has them."""
-    seen = item.at_pose
-    if seen is None or seen.expected < rules.FEW:
-        return []
-    step = "register the picture (windmark register), and see that pose, picture and table belong together"
-    if seen.found < (1 - rules.MISSING) * seen.expected:
-        said = f"{seen.found} of {seen.expected} markers are where the given pose has them"
-    elif seen.off_px > 5 * rules.PLACE_PX:
-        said = f"the markers are {g2(seen.off_px)} px (RMS per coordinate) from where the given pose has them"
-    else:
-        return []
-    return [Finding(DOUBTFUL, "moved", said, step)]
 
 
 def _far(table: PointTable, unit: str) -> Finding:

@@ -1,4 +1,4 @@
-"""What a finished reconstruction says against itself: who sees what, and primaries that are off their table."""
+"""What a finished reconstruction says against itself: who sees what, radii and labels that differ."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from windmark.errors import g3
 from windmark.geometry import Camera
@@ -118,29 +117,3 @@ def labels_that_differ(task: Task, tracks: Tracks, markers: MarkerSet) -> list[D
             else:
                 out.append(Doubt((said, picture, now), "the spot that is labelled {} in {} is {}", "swapped"))
     return out
-
-
-def off_their_table(
-    primary: MarkerSet, markers: MarkerSet, sight: Sight, views: Sequence[View], cameras: Mapping[str, Camera]
-) -> tuple[dict[str, str], list[Doubt]]:
-    """{primary: why} of the primaries that were not recognised, and doubts of those that should have been.
-
-    One should have been where pictures that show its nearest neighbour, and have its place in their field, would have
-    missed it with too small a chance.
-    """
-    why: dict[str, str] = {}
-    doubts: list[Doubt] = []
-    missing = [k for k, n in enumerate(primary.name) if str(n) not in set(markers.name.tolist())]
-    if not missing or not len(markers):
-        return why, doubts
-    gap, near = cKDTree(markers.xyz).query(primary.xyz[missing])
-    for k, far, j in zip(missing, gap.tolist(), near.tolist(), strict=True):
-        name = str(primary.name[k])
-        those = [v for v in np.flatnonzero(sight.seen[:, j]).tolist() if views[v].cam_from_model is not None]
-        shows = [v for v in those if in_field(primary.xyz[k : k + 1], views[v], cameras)[0]]
-        place = f"the nearest marker, {markers.name[j]}, is {g3(far)} from the place in its table"
-        why[name] = f"{place}; {len(shows)} pictures that show that one have the place in their field"
-        if sight.rate > 0 and (1 - sight.rate) ** len(shows) * len(missing) < CHANCE:
-            words = f"{{}} is not where its table says: {len(shows)} pictures show no spot there; {place}"
-            doubts.append(Doubt((name,), words, "marker"))
-    return why, doubts

@@ -17,12 +17,13 @@ from windmark.scene import Detections, Doubt, MarkerCovariance, MarkerSet, Track
 from windmark.scene.repeated import ONCE_MORE
 from windmark.scene.shown import by_name, check_kinds, list_of, optional
 from windmark.tasks.reconstruct.again import Answers, asked_again
-from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, off_their_table, radii_differ
+from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, radii_differ
 from windmark.tasks.reconstruct.focal import refuse_gross
 from windmark.tasks.reconstruct.frame import Frame, FreeFrame, Held
 from windmark.tasks.reconstruct.free import frame_words
 from windmark.tasks.reconstruct.groups import Framed, framed, why_left
 from windmark.tasks.reconstruct.normals import with_normals
+from windmark.tasks.reconstruct.off_table import off_their_table
 from windmark.tasks.reconstruct.pairwise import open_spots
 from windmark.tasks.reconstruct.primaries import check_primaries, with_sigma
 from windmark.tasks.reconstruct.result import NotReconstructed, Reconstruction
@@ -151,7 +152,7 @@ def reconstruct(
 def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstruction:
     """With what speaks against it."""
     sight = Sight.of(out.markers, out.tracks, out.views, out.cameras)
-    why, off = off_their_table(task.primary, out.markers, sight, out.views, out.cameras)
+    why, off = off_their_table(task.primary, out.calibration, sight, out.views, out.cameras)
     pictures = {str(v): view.name for v, view in enumerate(task.views)}
     labels = labels_that_differ(task, out.tracks, out.markers)
     radii = radii_differ(task, out.markers, out.tracks, out.views)
