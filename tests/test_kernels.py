@@ -23,7 +23,7 @@ COSTLY = {
 }  # fmt: skip
 """How often those stand in kernels that numba compiles anew for every type, a sort for 1 to 2 s: a helper of our own
 does for all. Each may become fewer."""
-MOST = 452
+MOST = 453
 """Compiled functions: those of a detection cost 0.3 s of CPU each on a busy machine, typing and lowering alone."""
 
 
