@@ -47,10 +47,11 @@ def plate(made, tmp_path):
 
 def call(windmark, folder, *more, size=True, matches="matches.csv", focal=1500):
     """By default with a focal length: to find one from nothing is half of the time."""
-    sized = ("--size", SIZE) if size else ()
-    known = ("--focal", focal) if size and focal else ()
-    return windmark("calibrate", folder / matches, "-m", folder / "rough.csv", "--unit", "mm", *sized, *known, "-o",
-                    folder / "out", *more)  # fmt: skip
+    sized = ("--size", SIZE) if size and "--size" not in more else ()
+    known = ("--focal", focal) if size and focal and "--focal" not in more else ()
+    out = () if "-o" in more else ("-o", folder / "out")
+    return windmark("calibrate", folder / matches, "-m", folder / "rough.csv", "--unit", "mm", *sized, *known, *out,
+                    *more)  # fmt: skip
 
 
 def test_it_writes_everything(windmark, plate):

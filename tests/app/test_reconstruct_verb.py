@@ -57,8 +57,9 @@ def folder(wall, tmp_path_factory):
 
 def call(windmark, folder, out, *more, images=None, primary="primary.csv"):
     paths = [folder / f"{n}.png" for n in images or ["w0", "w1", "w2", "empty", "w3", "w4", "w5"]]
-    return windmark("reconstruct", *paths, "-c", folder / "camera.json", "-p", folder / primary, "--unit", "mm", "-r",
-                    3, "-r", 4.5, "-o", out, *more)  # fmt: skip
+    unit = () if "--unit" in more else ("--unit", "mm")
+    return windmark("reconstruct", *paths, "-c", folder / "camera.json", "-p", folder / primary, *unit, "-r", 3, "-r",
+                    4.5, "-o", out, *more)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
