@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from windmark.deformation import vertex_volumes
 from windmark.geometry.order import quantile
+from windmark.paint.surface import joined_surface
 from windmark.scene import Mesh
 from windmark.tasks.psp.levels import Level
 from windmark.tasks.psp.sampling import Sampling
@@ -47,10 +48,13 @@ def _beside(mesh: Mesh, dim: Mask, unlit: Mask) -> Mask:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    edge = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]]])
-    edge = edge[dim[edge].all(axis=1)]
-    part = connected_components(coo_array((np.ones(len(edge)), edge.T), shape=(len(dim),) * 2), directed=False)[1]
-    return np.asarray(dim & np.isin(part, np.unique(part[unlit])))
+    surface = joined_surface(mesh)
+    at, on = surface.place, np.zeros(len(surface.first), dtype=np.bool_)
+    on[at[dim & (at >= 0)]] = True
+    edge = surface.edges()[0]
+    edge = edge[on[edge].all(axis=1)]
+    part = connected_components(coo_array((np.ones(len(edge)), edge.T), shape=(len(on),) * 2), directed=False)[1]
+    return np.asarray(dim & (at >= 0) & np.isin(part[at], np.unique(part[at[unlit & (at >= 0)]])))
 
 
 def unlit_words(rest: Mesh, unlit: Mask, known: Mask) -> list[str]:
