@@ -43,7 +43,7 @@ def test_corner_against_the_closed_form(facets):
     mesh = corner()
     factors = form_factors(mesh, facets=facets)
     seen = factors.seen
-    at = _seats(mesh)
+    at = _seats(mesh, mesh.vertex_normals())
     floor = (np.arange(len(at)) < 441) & (at[:, 1] > 0.01) & (at[:, 1] < 0.99)
     exact = wall_factor(at[floor, 0], at[floor, 1])
     assert np.abs(seen[floor] - exact).max() < 0.008
@@ -60,6 +60,21 @@ def test_inside_of_a_box_everything_is_seen_and_on_a_sphere_nothing():
     middle = (np.abs(inside.vertices) < 0.99).sum(axis=1) == 2
     np.testing.assert_allclose(seen[middle], 1.0, atol=0.02)
     assert form_factors(sphere(30), facets=200).seen.max() < 1e-3
+
+
+def test_a_ball_sees_the_floor_that_its_tangent_plane_cuts():
+    """A floor without end fills (1 + cos) / 2 of what a place on a ball sees, the angle being that of its normal from
+    straight down; from below a bulging surface it was hidden by the surface itself."""
+    ball, n = sphere(24), 33
+    x, y = (np.sinh(g.ravel()) for g in np.meshgrid(np.linspace(-5, 5, n), np.linspace(-5, 5, n)))  # to 74 radii
+    floor = np.stack([x, y, np.full_like(x, -1.2)], axis=1)
+    mesh = Mesh.make(np.concatenate([ball.vertices, floor]),
+                     np.concatenate([ball.triangles, structured_triangles(n, n, first=len(ball.vertices))]))  # fmt: skip
+    seen = form_factors(mesh, facets=300).seen[: len(ball.vertices)]
+    down = -ball.vertices[:, 2]
+    # Above -0.85 the floor's edge is to be seen; on the seam, nodes 0 and 24 of 25, normals are those of one side.
+    known = (down > -0.85) & (np.arange(len(down)) % 25 % 24 > 0)
+    np.testing.assert_allclose(seen[known], (1 + down[known]) / 2, atol=0.02)
 
 
 def test_a_screen_hides():

@@ -94,7 +94,8 @@ def form_factors(mesh: Mesh, *, facets: int = FACETS) -> FormFactors:
     # Within a facet in the leaves' order, so that halves of it lie together.
     order = np.argsort(own, kind="stable")
     groups = _halved(corners[order].reshape(t, 3, 3), np.searchsorted(own[order], np.arange(count + 1)))
-    normals, points = mesh.vertex_normals(), _seats(mesh)
+    normals = mesh.vertex_normals()
+    points = _seats(mesh, normals)
     parts = []
     for k in range(0, len(normals), BLOCK):
         rows = slice(k, k + BLOCK)
@@ -106,10 +107,12 @@ def form_factors(mesh: Mesh, *, facets: int = FACETS) -> FormFactors:
     return FormFactors(vstack(parts).tocsr(), facet, _share(mesh, facet, count))
 
 
-def _seats(mesh: Mesh) -> Array:
-    """(V, 3) where each node looks from: a little towards the middle of its triangles.
+def _seats(mesh: Mesh, normals: Array) -> Array:
+    """(V, 3) where each node looks from: a little towards the middle of its triangles, but not down from its tangent
+    plane.
 
-    A node on the edge at which two surfaces meet lies in the other one's plane and would see nothing of it.
+    A node on the edge at which two surfaces meet lies in the other one's plane and would see nothing of it. The middle
+    of the triangles of a bulging surface lies below them: from there they would hide everything.
     """
     count = np.maximum(np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices)), 1)
     middle = mesh.vertices[mesh.triangles].mean(axis=1)
@@ -117,7 +120,9 @@ def _seats(mesh: Mesh) -> Array:
     for axis in range(3):
         total[:, axis] = np.bincount(mesh.triangles.ravel(), np.repeat(middle[:, axis], 3), len(mesh.vertices))
     used = np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices)) > 0
-    return np.where(used[:, None], mesh.vertices + INWARD * (total / count[:, None] - mesh.vertices), mesh.vertices)
+    step = np.where(used[:, None], INWARD * (total / count[:, None] - mesh.vertices), 0.0)
+    down = np.minimum(np.einsum("vk,vk->v", step, np.where(np.isfinite(normals), normals, 0.0)), 0.0)
+    return mesh.vertices + step - down[:, None] * normals * (down < 0)[:, None]
 
 
 def _grouped(mesh: Mesh, most: int) -> Ints:
