@@ -68,8 +68,8 @@ def test_a_ball_sees_the_floor_that_its_tangent_plane_cuts():
     ball, n = sphere(24), 33
     x, y = (np.sinh(g.ravel()) for g in np.meshgrid(np.linspace(-5, 5, n), np.linspace(-5, 5, n)))  # to 74 radii
     floor = np.stack([x, y, np.full_like(x, -1.2)], axis=1)
-    mesh = Mesh.make(np.concatenate([ball.vertices, floor]),
-                     np.concatenate([ball.triangles, structured_triangles(n, n, first=len(ball.vertices))]))  # fmt: skip
+    triangles = np.concatenate([ball.triangles, structured_triangles(n, n, first=len(ball.vertices))])
+    mesh = Mesh.make(np.concatenate([ball.vertices, floor]), triangles)
     seen = form_factors(mesh, facets=300).seen[: len(ball.vertices)]
     down = -ball.vertices[:, 2]
     # Above -0.85 the floor's edge is to be seen; on the seam, nodes 0 and 24 of 25, normals are those of one side.

@@ -17,10 +17,10 @@ from windmark.tasks.psp.sampling import Sampling
 
 Mask = NDArray[np.bool_]
 
-UNLIT, DIM = 0.05, 0.15
+UNLIT, DIM = 0.05, 0.25
 """Of the light that the bright tenth of a camera's nodes has at least, wind-off. Paint throws some per cent of its
-light on what is beside it, up to 12 % in a corner of reflectivity 0.5: what has no more tells the pressure there. Dim
-surface that goes over into unlit one is its brighter part."""
+light on what is beside it, up to a quarter in a corner (half of the hemisphere, reflectivity 0.5): what has no more
+tells the pressure there. Dim surface that goes over into unlit one is its brighter part."""
 
 
 def without_unlit(levels: Mapping[str, Level], how: Sampling, mesh: Mesh) -> tuple[dict[str, Level], Mask]:
