@@ -6,7 +6,7 @@ import pytest
 from windmark import synth
 from windmark.geometry import Pose
 from windmark.resection.seat import OFF, Seat, seat
-from windmark.scene import Mesh
+from windmark.scene import Mesh, structured_triangles
 
 
 @pytest.fixture(scope="module")
@@ -87,3 +87,35 @@ def test_wrong_shapes_are_refused(tunnel):
     for wrong in (np.zeros((0, 3)), np.zeros((3, 2))):
         with pytest.raises(ValueError, match="seat: xyz must be"):
             seat(tunnel[0], wrong)
+
+
+def test_points_above_a_surface_of_another_state_are_named(tunnel):
+    """A wing that is bent at its tip in the grid, not in the table; what is beside a part's end says nothing."""
+    mesh, xyz = tunnel
+    tip, reach = xyz[:, 1] > 0.75 * xyz[:, 1].max(), xyz[:, 1].max()
+
+    def bent(p):
+        return p + np.array([0, 0, 0.2 * mesh.size]) * np.maximum(p[:, 1:2] / reach - 0.7, 0) ** 2
+
+    assert len(seat(mesh, xyz).off) == 0
+    found = seat(changed(mesh, bent), xyz)
+    assert found.most < OFF * mesh.size
+    assert 2 <= len(found.off) <= tip.sum()
+    assert tip[found.off].all()
+    np.testing.assert_allclose(found.by, found.distance[found.off])
+    inner = mesh.vertices[mesh.triangles, 1].max(axis=1) < 0.9 * xyz[tip, 1].min()
+    part = Mesh(mesh.vertices, mesh.triangles[inner], mesh.volume[inner])
+    assert len(seat(part, xyz).off) == 0
+
+
+def test_points_on_what_stands_on_the_surface_are_not_off_it():
+    x, y = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
+    above = np.array([[0.5, 0.4, 0.01], [0.3, 0.6, 0.012], [0.6, 0.6, 0.0]])
+    plate = Mesh.make(np.stack([x, y, np.zeros_like(x)], axis=1), structured_triangles(9, 9))
+    fin, pod = np.array([[1.0, 0, 0]] * 3), np.array([[0.0, 0, 1]] * 3)
+    assert len(seat(plate, above, fin).off) == 0
+    assert seat(plate, above, pod).off.tolist() == seat(plate, above).off.tolist() == [0, 1]
+    # Below it by far, and facing as it does: inside of the model. Facing away: the other side of a plate.
+    below = above - [0, 0, 0.1]
+    assert seat(plate, below, pod).off.tolist() == [0, 1, 2]
+    assert len(seat(plate, below, -pod).off) == len(seat(plate, below).off) == 0

@@ -6,7 +6,7 @@ tells: they never touch the grid. Distances from the surface do.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -33,6 +33,10 @@ SCALE, SHIFT = 0.1, 0.1
 """A fit that needs another size, or moves the surface, by a larger part is none: it slid away."""
 OFF = 1e-3
 """Part of its size from which most points are not on the surface: a pixel of a thousand across it."""
+STRAIGHT, ALIKE = 0.95, 0.5
+"""A point is above or below a surface where the way to it and the surface's normal have at least this cosine (else it
+is beside the surface's end: a grid may be of a part), and where its own normal and the surface's have that (else it is
+on what stands on the surface, or on a thin part's other side, which is not in the grid)."""
 MOST = 400
 """Points that are asked, evenly taken from more."""
 ASKED = 40
@@ -52,6 +56,8 @@ class Seat:
     shift : root mean square length by which it moves the surface at the points, as far as they tell
     left : root mean square distance of the points near the surface once it is moved
     axes : exchange of axes (3, 3) of the surface that brings the points onto it; None where none does
+    off : points, of those given, that are above or below the surface on which they should be
+    by : how much, for each of them
     """
 
     distance: Array
@@ -61,6 +67,8 @@ class Seat:
     shift: float = 0.0
     left: float = 0.0
     axes: NDArray[np.int64] | None = None
+    off: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    by: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def most(self) -> float:
@@ -68,13 +76,14 @@ class Seat:
         return float(np.quantile(self.distance, 0.25))
 
 
-def seat(mesh: Mesh, xyz: ArrayLike) -> Seat:
+def seat(mesh: Mesh, xyz: ArrayLike, normal: ArrayLike | None = None) -> Seat:
     """How points (N, 3) lie on the surface that they should lie on.
 
     Parameters
     ----------
     mesh : the surface
     xyz : (N, 3) at least one point, all finite
+    normal : (N, 3) of the surface at the points, NaN where not known; None for none
 
     Returns
     -------
@@ -95,20 +104,40 @@ def seat(mesh: Mesh, xyz: ArrayLike) -> Seat:
     points = np.asarray(xyz, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise UsageError(f"seat: xyz must be (N, 3) with N at least 1, got {points.shape}")
-    points, size = points[:: -(-len(points) // MOST)], mesh.size
+    facing = np.full(points.shape, np.nan) if normal is None else np.asarray(normal, dtype=float)
+    if facing.shape != points.shape:
+        raise UsageError(f"seat: normal must be {points.shape} as xyz, got {facing.shape}")
+    every, size = -(-len(points) // MOST), mesh.size
+    points, facing = points[::every], facing[::every]
     rough = _to_corners(mesh, points)
     if (rough < 2 * ROUNDING * size).all():
         return Seat(rough, size)
     search = Search(mesh)
-    distance = _onto(search, points, FAR * size)[0]
-    found, close = Seat(distance, size), distance < NEAR * size
+    distance, place, towards = _onto(search, points, FAR * size)
+    off = np.flatnonzero(_is_off(points - place, towards, facing, size))
+    found, close = Seat(distance, size, off=every * off, by=distance[off]), distance < NEAR * size
     near = points[close]
     if len(near) >= LEAST and np.sqrt((distance[close] ** 2).mean()) > 2 * ROUNDING * size:
         tried = [_brought(search, near, size, numbers) for numbers in (6, 7)]
         tried = [one for one in tried if one.lead > 0 and one.left < 0.5 * OFF * size]
         if tried:
-            return replace(max(tried, key=lambda t: t.lead), distance=distance)
+            best = max(tried, key=lambda t: t.lead)
+            return replace(best, distance=distance, off=found.off, by=found.by)
     return replace(found, axes=_exchanged(search, points, size)) if found.most > OFF * size else found
+
+
+def _is_off(way: Array, towards: Array, facing: Array, size: float) -> NDArray[np.bool_]:
+    """Whether points (N) are above or below the surface on which they should be.
+
+    ``way`` from the surface, its normal ``towards`` and the points' own, ``facing``, are (N, 3). High above it is what
+    the grid may lack; far inside of it is nothing.
+    """
+    length, height = np.linalg.norm(way, axis=1), np.einsum("nk,nk->n", way, towards)
+    known = np.isfinite(facing).all(axis=1)
+    alike = np.einsum("nk,nk->n", facing, towards) > ALIKE * np.linalg.norm(facing, axis=1)
+    reach = np.where(known & alike & (height < 0), FAR, NEAR) * size
+    straight = np.abs(height) > STRAIGHT * length
+    return np.asarray((length > OFF * size) & (length < reach) & straight & (alike | ~known))
 
 
 def _to_corners(mesh: Mesh, points: Array) -> Array:

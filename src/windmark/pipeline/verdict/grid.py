@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from windmark.errors import g2, g3
+from windmark.pipeline.alike import listed
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
@@ -17,10 +18,10 @@ _STEP = "bring grid and table of markers into one frame, at one size: pictures a
 
 def grid_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
     """Markers and grid in different units, or the markers beside its surface."""
-    xyz = markers.xyz[markers.role != "wall"]
-    if not (len(xyz) and len(mesh.triangles)):
+    model = markers.take(markers.role != "wall")
+    if not (len(model) and len(mesh.triangles)):
         return []
-    return units_findings(markers, mesh, unit) or _beside(seat(mesh, xyz), xyz, unit)
+    return units_findings(markers, mesh, unit) or _beside(seat(mesh, model.xyz, model.normal), model, unit)
 
 
 def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
@@ -41,19 +42,26 @@ def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
     ]
 
 
-def _beside(found: Seat, xyz: np.ndarray, unit: str) -> list[Finding]:
+def _beside(found: Seat, markers: MarkerSet, unit: str) -> list[Finding]:
     off = f"most of the markers are over {g2(found.most)} {unit} off the grid's surface"
     if found.axes is not None:
         axes = ", ".join(("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in found.axes)
         said = f"{off}; with its {axes} as x, y, z it goes through them: its axes are exchanged"
         return [Finding(BAD, "grid", said, "turn the grid (or the table) to the other's axes")]
     if found.moved is not None and found.lead > rules.PATTERN_NATS and found.shift > rules.GRID_BESIDE * found.size:
-        said = f"the grid goes through the markers where it is {_motion(found, xyz, unit)} ({found.lead:.0f} nats "
+        moved = _motion(found, markers.xyz, unit)
+        said = f"the grid goes through the markers where it is {moved} ({found.lead:.0f} nats "
         said += f"ahead of scatter): it stands about {g2(found.shift)} {unit} beside them, and so do all values"
         return [Finding(DOUBTFUL, "grid", said, _STEP)]
     if found.most > OFF * found.size:
         step = "see that it is this model's grid and in the table's frame: values are off by that, times the slant"
         return [Finding(DOUBTFUL, "grid", off, step)]
+    if len(found.off):
+        first = found.off[np.argsort(-found.by, kind="stable")]
+        said = listed("marker", markers.name[first].tolist())
+        said = f"{said}: up to {g2(found.by.max())} {unit} above or below the grid's surface, on which the others lie"
+        step = "take a grid of the state that the table is of (bending, flaps, all parts in place and in one unit), or "
+        return [Finding(DOUBTFUL, "grid", said, f"{step}correct the table: values there are from beside their place")]
     return []
 
 
