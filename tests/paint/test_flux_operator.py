@@ -33,11 +33,12 @@ def test_even_times_give_what_the_evenly_spaced_form_gives(wall):
 
 
 @WALLS
-def test_missing_samples_are_as_if_they_had_not_been_taken(wall):
+@pytest.mark.parametrize("behind", [0.0, 0.3])  # the start is at the last sample before it, or a part of the way on
+def test_missing_samples_are_as_if_they_had_not_been_taken(wall, behind):
     rng = np.random.default_rng(5)
     times = np.sort(rng.uniform(0, 3, 50))
-    t, start = rises(50)[0], float(times[6])
-    missing = np.isin(np.arange(50), [2, 20, 21, 33])
+    t, start = rises(50)[0], float(times[6] + behind * (times[7] - times[6]))
+    missing = np.isin(np.arange(50), [2, 7, 20, 21, 33])
     filling, weights, curved = flux_operator(times, wall, start).bridged(missing)
     alone = flux_operator(times[~missing], wall, start)
     spoilt = np.where(missing, 1e6, t)  # what stands there does not count

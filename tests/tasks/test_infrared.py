@@ -51,6 +51,20 @@ def test_the_intervals_hold_the_flux_from_its_beginning_on():
     assert noise_alone[:, 7:12].mean(axis=0).min() < 0.75
 
 
+def test_a_flux_that_is_there_at_once_is_within_its_interval_in_the_first_frame():
+    """The heating begins between two frames. The straight line to the first frame behind says 27 % too much, whatever
+    the time between is (4 / pi of a step's flux)."""
+    rise = RESIN.rise(lambda since: 1500.0 * (since > 0), np.maximum(TIMES - START - 0.02, 0))
+    t = 300 + rise + NOISE * np.random.default_rng(3).standard_normal((40, len(TIMES)))
+    done = history_flux(t, np.full(t.shape, NOISE**2), {}, flux_operator(TIMES, WALL, START + 0.02), WALL,
+                        curvature=np.zeros(40), longest_gap=3, tried=t)  # fmt: skip
+    first = np.flatnonzero(TIMES > START + 0.02)[0]
+    off, sigma = (done.flux - 1500)[:, first], done.modes["time step"][:, first]
+    assert off.mean() == pytest.approx(0.27 * 1500, rel=0.1)
+    assert (np.abs(off) < 1.96 * sigma).all()
+    assert (np.abs(off) > sigma).mean() > 0.5
+
+
 def test_gaps_are_bridged_and_what_that_leaves_is_in_the_sigma():
     t, size = histories(4000)
     gap = np.arange(len(t)) >= 2000

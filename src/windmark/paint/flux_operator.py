@@ -50,7 +50,8 @@ class FluxOperator:
         """(F, F) filling, and weights and curved as they are where samples (F,) are missing.
 
         ``filling`` gives the samples with the missing ones on straight lines; the initial temperature is the mean of
-        those that are there. Nothing is known behind the last sample: rows of NaN there and where it is missing.
+        those that are there, and holds until the start. Nothing is known behind the last sample: rows of NaN there and
+        where it is missing.
         """
         filling, weights, curved = np.eye(len(self.times)), self.weights, self.curved
         there = np.flatnonzero(~missing)
@@ -66,8 +67,13 @@ class FluxOperator:
                 filling[k] = np.nan
             else:
                 a, b = there[after - 1], there[after]
-                part = (self.times[k] - self.times[a]) / (self.times[b] - self.times[a])
-                filling[k, a], filling[k, b] = 1 - part, part
+                begins = self.start if self.before[a] else self.times[a]
+                part = (self.times[k] - begins) / (self.times[b] - begins)
+                if self.before[a]:  # from the wall's initial temperature at the start, not at the last sample before it
+                    filling[k, initial] = (1 - part) / len(initial)
+                else:
+                    filling[k, a] = 1 - part
+                filling[k, b] = part
         zeroed = np.nan_to_num(filling)
         out = [np.where(missing[:, None], np.nan, m @ zeroed) for m in (weights, curved)]
         return filling, out[0], out[1]
