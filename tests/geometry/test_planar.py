@@ -1,6 +1,7 @@
 """Planar transformations: exact where they should be, honest about what they predict, refused where not determined."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,10 +115,34 @@ def test_covariance_of_the_mapped_place_is_what_repeated_noise_does(kind):
             seen = seen[0], OWN["similarity"](x) + rng.normal(0, 0.05, x.shape)
         t = fit_planar(kind, *seen, cov(40, 0.03), cov(40, 0.05)).transform
         off.append(t.apply(at) - (OWN["similarity"] if kind == "similarity" else truth)(at))
-        said.append(np.trace(t.cov_at(at) - t.misfit_px**2 * np.eye(2), axis1=1, axis2=2) / 2)
+        own = replace(t, left_out_px=0.0)  # the kind is right here, and nothing is left out
+        said.append(np.trace(own.cov_at(at) - t.misfit_px**2 * np.eye(2), axis1=1, axis2=2) / 2)
     ratio = np.sqrt((np.array(off) ** 2).mean(axis=(0, 2)) / np.mean(said, axis=0))
     assert (ratio > 0.75).all()
     assert (ratio < 1.3).all()
+
+
+@pytest.mark.parametrize(("kind", "power"), [("similarity", 2), ("affine", 2), ("projective", 2), ("poly2", 3)])
+def test_beyond_the_markers_sigma_holds_what_the_kind_leaves_out(kind, power):
+    """A motion that bends so little that the markers hardly tell: where it is extrapolated it is many sigmas off."""
+    rng = np.random.default_rng(8)
+    count = 20
+    x = places(count) / 4 + [300, 300]
+    at = np.stack([g.ravel() for g in np.meshgrid(np.linspace(0, 1400, 8), np.linspace(0, 1000, 6))], axis=1)
+    share = {True: [], False: []}
+    for _ in range(30):
+        bend = rng.normal(0, 0.06, (power + 1, 2))
+
+        def truth(p, bend=bend):
+            u = (p - x.mean(axis=0)) / np.ptp(x)
+            return p + 2 + sum(c * u[:, :1] ** k * u[:, 1:] ** (power - k) for k, c in enumerate(bend))
+
+        t = fit_planar(kind, x, truth(x) + rng.normal(0, 0.02, x.shape), cov(count, 1e-3), cov(count, 0.02)).transform
+        for kept in share:
+            off = np.abs(t.apply(at) - truth(at)) / replace(t, left_out_px=t.left_out_px * kept).sigma_px(at)[:, None]
+            share[kept].append((off < 1.96).mean())
+    assert 0.88 < np.mean(share[True])
+    assert np.mean(share[False]) < 0.8
 
 
 def test_the_spline_does_not_interpolate_noise():

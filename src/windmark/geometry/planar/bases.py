@@ -72,6 +72,16 @@ def slope(kind: str, u: Array, p: Array) -> Array:
     return out
 
 
+def next_terms(kind: str, u: Array) -> Array:
+    """(N, 2, Q) the terms of the next order that a kind lacks, one at a time, x's first."""
+    order = ORDER.get(kind, 1)
+    powers = monomials(order + 1, u)[:, 1 if kind == "similarity" else len(exponents(order)) :]
+    count = powers.shape[1]
+    out = np.zeros((len(u), 2, 2 * count))
+    out[:, 0, :count] = out[:, 1, count:] = powers
+    return out
+
+
 def plate(u: Array, nodes: Array) -> Array:
     """(N, M) the thin plate's kernel r^2 ln r between places and nodes."""
     square = ((u[:, None, :] - nodes[None]) ** 2).sum(axis=2)

@@ -137,10 +137,27 @@ def _fit_parameters(
             f"{centre[1] + length * u[weakest.argmin(), 1]:.0f} px of the reference alone: no other marker checks it"
         )
     held = np.asarray(np.linalg.solve(rest, residual[:, :, None])[:, :, 0], dtype=float)
-    transform = PlanarTransform(kind, centre, length, origin, p, cov, float(np.sqrt(misfit)), np.zeros((0, 2)))
+    beyond = _left_out(kind, u, a, cov @ aw.transpose(1, 0, 2).reshape(len(p), -1), misfit, spread)
+    transform = PlanarTransform(kind, centre, length, origin, p, cov, float(np.sqrt(misfit)), np.zeros((0, 2)), *beyond)
     pulled = np.einsum("ni,nij,nj->n", residual, weight, residual)
     evidence = np.einsum("ni,nij,nj->n", residual, weight, held)
     return PlanarFit(transform, residual, held, float(len(p)), evidence, float(pulled.sum()))
+
+
+def _left_out(
+    kind: str, u: Array, a: Array, solve: Array, misfit: float, spread: Array
+) -> tuple[float, Array, float]:  # fmt: skip
+    """1 sigma of a term of the next order, px; what such terms look like to the parameters (P, Q); the rest's largest.
+
+    At the markers, less what the parameters take up (``solve`` (P, 2 N)), they have the misfit's size, and that of a fit
+    of them to the noise: less is not seen. Beyond the markers they are what an extrapolation lacks.
+    """
+    terms = bases.next_terms(kind, u)
+    hidden = solve @ terms.reshape(-1, terms.shape[2])
+    rest = ((terms - a @ hidden) ** 2).sum(axis=(1, 2))
+    square = float(rest.mean()) / 2
+    noise = float(np.trace(spread, axis1=1, axis2=2).mean()) / 2 * terms.shape[2] / (2 * len(u))
+    return float(np.sqrt((misfit + noise) / square)) if square > FLAT**2 else 0.0, hidden, float(rest.max())
 
 
 def _start(kind: str, u: Array, goal: Array) -> Array:

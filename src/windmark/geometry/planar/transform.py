@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,9 @@ class PlanarTransform:
     cov : (P, P) covariance of the parameters; of a spline (M + 3, M + 3), the same for x and y
     misfit_px : 1 sigma per coordinate of what the kind cannot follow (parallax, local deformation)
     nodes : (M, 2) normalised places of the spline's nodes; (0, 2) for the others
+    left_out_px : 1 sigma of a term of the next order, see `bases.next_terms`: as large as the markers do not tell
+    hidden : (P, Q) what these terms look like to the parameters at the markers: the rest is not compensated
+    within : the largest sum of squares of the rest at a marker; the misfit is that of such places
     """
 
     kind: str
@@ -45,6 +48,9 @@ class PlanarTransform:
     cov: Array
     misfit_px: float
     nodes: Array
+    left_out_px: float = 0.0
+    hidden: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    within: float = 0.0
 
     def apply(self, xy: ArrayLike) -> Array:
         """Places in the image of places (..., 2) in the reference."""
@@ -68,7 +74,8 @@ class PlanarTransform:
     def cov_at(self, xy: ArrayLike) -> Array:
         """(..., 2, 2) covariance of the mapped place in px^2: of the parameters, and what the kind cannot follow.
 
-        Beyond the markers it grows with the distance; that the model goes on there as between the markers is assumed.
+        Beyond the markers it grows with the distance: by the parameters' errors, and by the terms of the next order,
+        which may be as large as the markers do not tell.
         """
         p, shape = self._normalised(xy, "cov_at")
         if self.kind == "spline":
@@ -79,7 +86,8 @@ class PlanarTransform:
         else:
             a = bases.design(self.kind, p, self.parameters)
             out = a @ self.cov @ np.swapaxes(a, 1, 2)
-        return (out + self.misfit_px**2 * np.eye(2)).reshape(*shape[:-1], 2, 2)
+        misfit = self.misfit_px**2 + self._left_out(p)
+        return (out + misfit[:, None, None] * np.eye(2)).reshape(*shape[:-1], 2, 2)
 
     def sigma_px(self, xy: ArrayLike) -> Array:
         """(...,) 1 sigma per coordinate of the mapped place: root of the mean of both variances."""
@@ -119,6 +127,7 @@ class PlanarTransform:
             "kind": self.kind, "centre": self.centre.tolist(), "length_px": self.length_px,
             "origin": self.origin.tolist(), "terms": self._terms(), "parameters": self.parameters.tolist(),
             "nodes": self.nodes.tolist(), "misfit_px": self.misfit_px, "cov": self.cov.tolist(),
+            "left_out_px": self.left_out_px, "hidden": self.hidden.tolist(), "within": self.within,
         }  # fmt: skip
 
     def _terms(self) -> list[str]:
@@ -131,6 +140,13 @@ class PlanarTransform:
             nodes = [f"r^2 ln r of node {k}" for k in range(len(self.nodes))]
             return [f"{c}: {t}" for c in "xy" for t in ("1", "u", "v", *nodes)]
         return [f"{c}: u^{i} v^{j}" for c in "xy" for i, j in bases.exponents(bases.ORDER[self.kind])]
+
+    def _left_out(self, u: Array) -> Array:
+        """(N,) variance per coordinate of what terms of the next order do beyond the markers, px^2."""
+        if not self.hidden.size:
+            return np.zeros(len(u))
+        rest = bases.next_terms(self.kind, u) - bases.design(self.kind, u, self.parameters) @ self.hidden
+        return np.asarray(0.5 * self.left_out_px**2 * np.maximum((rest**2).sum(axis=(1, 2)) - self.within, 0.0))
 
     def _spline_places(self, u: Array) -> Array:
         from windmark.geometry.planar._kernels import plate_places
@@ -171,4 +187,6 @@ def planar_from_record(record: Mapping[str, Any]) -> PlanarTransform:
             f"{arrays['parameters'].size}"
         )
     return PlanarTransform(kind, arrays["centre"], float(record["length_px"]), arrays["origin"], arrays["parameters"],
-                           arrays["cov"], float(record["misfit_px"]), nodes)  # fmt: skip
+                           arrays["cov"], float(record["misfit_px"]), nodes, float(record.get("left_out_px", 0.0)),
+                           np.array(record.get("hidden", np.zeros((0, 0))), dtype=float),
+                           float(record.get("within", 0.0)))  # fmt: skip
