@@ -149,8 +149,8 @@ def _left_out(
 ) -> tuple[float, Array, float]:  # fmt: skip
     """1 sigma of a term of the next order, px; what such terms look like to the parameters (P, Q); the rest's largest.
 
-    At the markers, less what the parameters take up (``solve`` (P, 2 N)), they have the misfit's size, and that of a fit
-    of them to the noise: less is not seen. Beyond the markers they are what an extrapolation lacks.
+    At the markers, less what the parameters take up (``solve`` (P, 2 N)), they have the misfit's size, and that of a
+    fit of them to the noise: less is not seen. Beyond the markers they are what an extrapolation lacks.
     """
     terms = bases.next_terms(kind, u)
     hidden = solve @ terms.reshape(-1, terms.shape[2])
