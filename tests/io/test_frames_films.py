@@ -46,6 +46,15 @@ def test_lossless(tmp_path, name, codec, kind, given, frames):
         assert "loses" not in film.note
 
 
+def test_colours_of_ten_bits_fill_sixteen(tmp_path):
+    """The decoder stretches them: `bits` is what the pixels have, not what the film has."""
+    picture = np.full((16, 32, 3), 255, np.uint8)
+    write(tmp_path / "a.mkv", [picture, picture], "ffv1", "yuv420p10le", "rgb24")
+    with io.frames(tmp_path / "a.mkv") as film:
+        assert film[0].max() > 60000
+        assert film.bits == 16
+
+
 @pytest.mark.parametrize(("name", "codec"), [("a.mp4", "libx264"), ("b.mp4", "mpeg4"), ("c.mov", "mpeg2video")])
 def test_every_frame_of_a_film_with_key_frames_and_frames_between(tmp_path, name, codec):
     """Frames carry their number as brightness; B-frames are stored in another order than they are shown."""

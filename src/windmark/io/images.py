@@ -4,7 +4,7 @@ Pixels come back in the sensor's own rows and columns: an orientation tag (EXIF)
 because the camera's interior parameters belong to the sensor, and a picture turned for the eye no
 longer fits them. No colour management and no scaling either: a grey level is what the file says.
 The only changes are: a palette is expanded, 1 to 4 bits per pixel are stretched to 0 ... 255, and
-"white is zero" is turned round, so that brighter is always larger.
+"white is zero" of unsigned integers is turned round, so that brighter is larger; signed ones and floats are as stored.
 """
 
 from __future__ import annotations

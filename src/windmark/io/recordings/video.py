@@ -185,7 +185,10 @@ class VideoRecording(Recording):
         self.bits = depth
         if kind.startswith("gray") and depth <= 16:
             return _grey_levels(frame, depth)
-        return np.ascontiguousarray(frame.to_ndarray(format="rgb24" if depth <= 8 else "rgb48le"))
+        if depth <= 8:
+            return np.ascontiguousarray(frame.to_ndarray(format="rgb24"))
+        self.bits = 16  # the decoder makes colours of 9 to 16 bits fill the sixteen
+        return np.ascontiguousarray(frame.to_ndarray(format="rgb48le"))
 
     def close(self) -> None:
         """Give the file back."""
