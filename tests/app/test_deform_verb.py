@@ -73,6 +73,11 @@ def test_the_rigid_motion_is_found_too(made, done):
     row = rows(made / "deformation" / "deformation.csv")[-1]
     assert float(row["turn_y_deg"]) == pytest.approx(2.0, abs=4 * float(row["sigma_turn_y_deg"]))
     assert float(row["alpha_deg"]) == pytest.approx(2.0, abs=0.01)  # the column of frames.csv went along
+    known = json.loads((made / "deformation" / "units.json").read_text(encoding="utf-8"))["motion"]
+    markers = io.read_markers(made / "markers.csv")
+    assert known["shift_of_model_point"] == pytest.approx(
+        markers.xyz[markers.role != "wall"].mean(axis=0), abs=0.02  # the zero has corrected their places
+    )
 
 
 def test_all_files_agree(made, done):

@@ -24,7 +24,7 @@ from windmark.pipeline.deform.inbox import Arrival
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import is_number, number_of, stamp_text
 from windmark.pipeline.deform.points import COLUMNS, FramePoints
-from windmark.pipeline.deform.record import MOTION, FrameRecord
+from windmark.pipeline.deform.record import MOTION, FrameRecord, motion_point
 from windmark.pipeline.deform.resume import Kept, named
 from windmark.pipeline.deform.series import series_content
 from windmark.pipeline.resume import CHUNK, SeriesJournal, Stopped, replaced_file
@@ -212,7 +212,9 @@ class Writer:
             elif stopped is not None:
                 self._crcs[name] = stopped.frames[-1].crcs[name] if stopped.frames else zlib.crc32(first.encode())
         with io.atomic_write(self._folder / "units.json") as stream:
-            units_of = {"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True))}
+            point = motion_point(self._loaded.test.markers).round(9).tolist()
+            units_of = {"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True)),
+                        "motion": {"shift": unit, "turn": "deg", "shift_of_model_point": point}}  # fmt: skip
             stream.write(json.dumps(units_of, indent=2) + "\n")
         self._sizes = {name: file.size for name, file in self._files.items()}
         self._crcs_kept = dict(self._crcs)

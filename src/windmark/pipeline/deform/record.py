@@ -162,6 +162,11 @@ def doubtful(frame: DeformedFrame, names: NDArray[np.str_]) -> tuple[str, ...]:
     return tuple(f"{frame.views[seen.view[k]]}/{names[seen.point[k]]}" for k in which)
 
 
+def motion_point(markers: MarkerSet) -> Array:
+    """(3,) the point of the model whose shift is reported: the mean place of its markers."""
+    return np.asarray(markers.xyz[markers.role != "wall"].mean(axis=0))
+
+
 def record(
     frame: DeformedFrame, zero: Zero | None, stations: Stations | None, markers: MarkerSet, centre: Array,
     time_s: float, latency_s: float, count: int,

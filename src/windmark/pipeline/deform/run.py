@@ -26,7 +26,7 @@ from windmark.pipeline.deform.pictured import Gallery
 from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.project import DeformProject
-from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, record
+from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, motion_point, record
 from windmark.pipeline.deform.resume import (
     ARRIVALS,
     Kept,
@@ -254,7 +254,7 @@ class _Job:
     def _write(self, frame: DeformedFrame, images: FrameImages, writer: Writer) -> FrameRecord:
         loaded, project, out = self.loaded, self.loaded.project, self.out
         markers = loaded.test.markers
-        centre = markers.xyz[markers.role != "wall"].mean(axis=0)
+        centre = motion_point(markers)
         time_s = time_of(frame, images, out.table, project.sequence.rate_hz, bool(out.clock))
         row = record(
             frame, out.zero, loaded.stations, markers, centre, time_s, time.monotonic() - images.seen_s,
