@@ -128,6 +128,16 @@ def test_a_flat_plate_faces_the_camera():
     assert not same_orientation(orient_outward(mesh, cameras=below), mesh).any()
 
 
+def test_a_sliver_of_the_other_side_does_not_turn_an_open_sheet():
+    """A thin part whose edge is not in the grid: past its upper side a little of the lower one's back is seen."""
+    upper, lower = plate(), moved(flipped(plate(), slice(None)), 0, 0, -0.04)
+    thin = joined(upper, lower)
+    above = [camera_at([2.5, -3.0, 4.0])]
+    assert same_orientation(orient_outward(thin, cameras=above), thin).all()
+    # Alone it is seen as a whole: that is its air side.
+    assert not same_orientation(orient_outward(lower, cameras=above), lower).any()
+
+
 def test_a_body_with_separate_closed_parts_is_outward_without_and_with_cameras():
     """A nacelle in the box of the body, and a patch laid over the body just under its surface, make it no wall."""
     body, nacelle = sphere(30, radius=3.0), sphere(16, radius=0.4, center=(2.6, 2.6, 0))
