@@ -18,6 +18,7 @@ from windmark.app.marked_photo import standing_photo
 from windmark.app.psp_pictures import cp_map
 from windmark.app.report import Report, measured
 from windmark.errors import g3
+from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared import FAILED, FrameRecord, InfraredResult, InfraredRun, reduced
 from windmark.pipeline.infrared.outputs import FRAMES
@@ -90,11 +91,11 @@ def _frames(report: Report, result: InfraredResult) -> None:
         for r in result.records
     ]  # fmt: skip
     report.table(columns, rows, scroll=len(rows) > 15)
-    for r in result.records:
-        if r.status == FAILED:
-            report.text(f"Frame {r.key}: {r.reason}", "bad")
-        elif r.remarks:
-            report.text(f"Frame {r.key}: {'; '.join(r.remarks)}", "soft")
+    bad = [r for r in result.records if r.status == FAILED]
+    for words, names in alike((r.key, r.reason) for r in bad).items():
+        report.text(f"{listed('Frame', names)}: {words}", "bad")
+    for words, names in alike((r.key, words) for r in result.records if r not in bad for words in r.remarks).items():
+        report.text(f"{listed('Frame', names)}: {words}", "soft")
     for remark in result.remarks:
         report.text(remark, "bad")
 

@@ -16,6 +16,7 @@ from windmark.app.psp_pictures import cp_map, loads_picture, section_picture, ta
 from windmark.app.psp_scene import psp_scene
 from windmark.app.report import Report, fixed, measured
 from windmark.app.wording import duration
+from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.psp import REDUCED, PointRecord, PspTest, grouped, reduced
 from windmark.pipeline.psp.outputs import FIELDS
@@ -84,9 +85,8 @@ def _points(report: Report, records: list[PointRecord]) -> None:
          duration(sum(r.seconds.values()))] for r in records
     ]  # fmt: skip
     report.table(columns, rows, scroll=len(records) > 15)
-    for r in records:
-        if r.status != REDUCED:
-            report.text(f"Point {r.name}: {r.reason}", "bad")
+    for words, names in alike((r.name, r.reason) for r in records if r.status != REDUCED).items():
+        report.text(f"{listed('Point', names)}: {words}", "bad")
 
 
 def _notes(report: Report, records: list[PointRecord]) -> None:
