@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from windmark import io
-from windmark.app import console
 from windmark.app.cli import app
+from windmark.app.command_line import command_line
 from windmark.geometry import Pose
 
 
@@ -203,7 +203,7 @@ def test_wrong_usage_of_the_command_line(windmark, job):
 )
 def test_a_word_in_place_of_a_number_is_said(words, said, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["windmark", *words])
-    assert console.command_line(app, "--json" in words) == 2
+    assert command_line(app, "--json" in words) == 2
     seen = capsys.readouterr()
     assert said in seen.err
     assert not seen.out or said in json.loads(seen.out)["error"]

@@ -9,7 +9,8 @@ import pytest
 from rich.console import Console
 
 from windmark import io
-from windmark.app import console
+from windmark.app import progress as progress_room
+from windmark.app.progress import counted, progress
 from windmark.geometry import Camera
 from windmark.pipeline.calibrate.read import read_pictures
 from windmark.pipeline.clock import Counted, counting
@@ -24,7 +25,7 @@ class Terminal(streams.StringIO):
 @pytest.fixture
 def line(monkeypatch):
     """``line()``: what stands on the terminal now, drawn when it is asked for and not ten times a second."""
-    made, bars = [], console._bars
+    made, bars = [], progress_room._bars
 
     @contextmanager
     def kept():
@@ -37,8 +38,8 @@ def line(monkeypatch):
         page.print(made[-1].get_renderable())
         return page.file.getvalue()
 
-    monkeypatch.setattr(console, "_bars", kept)
-    monkeypatch.setattr(console, "_unseen", lambda: False)
+    monkeypatch.setattr(progress_room, "_bars", kept)
+    monkeypatch.setattr(progress_room, "_unseen", lambda: False)
     return drawn
 
 
@@ -47,7 +48,7 @@ def counts(told):
 
 
 def test_a_stage_with_parts_has_their_count_while_it_lasts(line):
-    with console.progress() as show:
+    with progress() as show:
         show("read the markers")
         assert "read the markers" in line()
         assert "/" not in line()
@@ -67,22 +68,22 @@ def test_a_stage_with_parts_has_their_count_while_it_lasts(line):
 
 
 def test_one_picture_is_not_counted(line):
-    with console.progress() as show:
+    with progress() as show:
         counting(show, "detect", 1)("P01.tif")
         assert "P01.tif" in line()
         assert "/1" not in line()
 
 
 def test_nobody_else_sees_it(monkeypatch):
-    stages = console.progress, lambda: console.progress(5)
+    stages = progress, lambda: progress(5)
     for stream, params, seen in ((Terminal(), {}, True), (Terminal(), {"as_json": True}, False),
                                  (streams.StringIO(), {}, False)):  # fmt: skip
         monkeypatch.setattr("sys.stderr", stream)
-        monkeypatch.setattr(console, "get_current_context", lambda silent, p=params: SimpleNamespace(params=p))
+        monkeypatch.setattr(progress_room, "get_current_context", lambda silent, p=params: SimpleNamespace(params=p))
         for bar in stages:
             with bar() as show:
                 show("detect")
-        with console.counted("compile") as step:
+        with counted("compile") as step:
             step("kernel", 1, 2)
         assert bool(stream.getvalue()) == seen, params
 
@@ -110,7 +111,7 @@ def test_jobs_count_their_pictures(tmp_path, sheet_image, windmark, monkeypatch)
         def __exit__(self, *_):
             return None
 
-    monkeypatch.setattr(console, "progress", Heard)
+    monkeypatch.setattr(progress_room, "progress", Heard)
     for words in (("detect", *files, "-r", 4, "-o", tmp_path / "d.csv"),
                   ("undistort", *files, "-c", tmp_path / "c.json", "-o", tmp_path / "u"),
                   ("align", *files, "-r", 4, "--max-shift-px", 20, "-o", tmp_path / "aligned")):  # fmt: skip

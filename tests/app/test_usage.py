@@ -9,8 +9,8 @@ import pytest
 import typer.main
 
 import windmark
-from windmark.app import console
 from windmark.app.cli import app
+from windmark.app.command_line import command_line
 from windmark.app.commands.usage import worded
 
 
@@ -27,7 +27,7 @@ def commands(group=None, path=()):
 def refused(words, monkeypatch, capsys):
     """Standard error and output of a call of wrong usage."""
     monkeypatch.setattr("sys.argv", ["windmark", *words])
-    assert console.command_line(app, "--json" in words) == 2
+    assert command_line(app, "--json" in words) == 2
     return capsys.readouterr()
 
 

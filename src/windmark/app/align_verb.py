@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.progress import progress
 from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
@@ -56,7 +57,7 @@ def align(wishes: Wishes, as_json: bool) -> None:
     named = None if wishes.matches is None else read_named(wishes.matches)
     settings = AlignSettings(**wishes.options, named=named)
     start = job_time()
-    with console.progress() as show, console.result_folder(wishes.output) as out:
+    with progress() as show, console.result_folder(wishes.output) as out:
         show(f"find the markers of {base.name}")
         reference = read_reference(base, settings)
         rows: list[Record] = []

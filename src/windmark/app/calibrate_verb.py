@@ -11,6 +11,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.calibrate_options import TABLES
+from windmark.app.progress import progress
 from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import NotCalibrated, Weighted
@@ -109,7 +110,7 @@ class Files:
 def run(files: Files, settings: CalibrateSettings, match: MatchOptions, as_json: bool) -> None:
     """Calibrate and write everything into a folder, whole or not at all."""
     known = None if files.against is None else read_known(files.against, files.lengths)
-    with console.progress() as show, console.result_folder(files.output) as out:
+    with progress() as show, console.result_folder(files.output) as out:
         clock = Clock(show)
         done, pictures = _solve(files, settings, match, clock)
         if isinstance(done, NotCalibrated):

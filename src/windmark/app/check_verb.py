@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from windmark.app import console
+from windmark.app.progress import progress
 from windmark.app.project_place import project_in
 from windmark.pipeline.check import Checked, check_project
 from windmark.pipeline.kinds import KINDS
@@ -15,7 +16,7 @@ from windmark.pipeline.typed import typed
 def check(path: Path, as_json: bool) -> None:
     """Check and list; exit code 2 where something is wrong."""
     path = project_in(path)
-    with console.progress() as show:
+    with progress() as show:
         found = check_project(path, show)
     record: dict[str, Any] = {
         "project": path, "kind": found.kind, "sound": not found.problems, "read": found.read,

@@ -15,6 +15,7 @@ import typer
 
 from windmark import compiling
 from windmark.app import console
+from windmark.app.command_line import command_line, expanded
 from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp, start, view
 from windmark.app.commands.grouped import MATCH, TEST, App, ranged, written
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
@@ -177,9 +178,9 @@ def main() -> None:
     sys.unraisablehook = _unraisable
     compiling.announce(lambda: console.complain(COMPILING))
     code: int | str | None = 0
-    sys.argv[1:] = console.expanded(sys.argv[1:])
+    sys.argv[1:] = expanded(sys.argv[1:])
     try:
-        code = console.command_line(app, "--json" in sys.argv[1:])
+        code = command_line(app, "--json" in sys.argv[1:])
     except SystemExit as end:
         code = end.code
     except KeyboardInterrupt:  # before a verb was at work

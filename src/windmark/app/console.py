@@ -9,10 +9,9 @@ import shutil
 import sys
 import textwrap
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from io import TextIOWrapper
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,10 +20,9 @@ import typer
 from windmark.errors import WindmarkError
 
 try:  # typer has a click of its own since 0.26
-    from typer._click.exceptions import ClickException
     from typer._click.globals import get_current_context
 except ImportError:
-    from click import ClickException, get_current_context  # type: ignore[no-redef,assignment]
+    from click import get_current_context  # type: ignore[no-redef]
 
 if TYPE_CHECKING:
     from windmark.geometry import Camera
@@ -37,95 +35,12 @@ _WHOLE = re.compile(r" *(report|results|written|picture|film): |.*\bnext: windma
 DONE, DATA_SAY_NO, WRONG_USAGE, FAULT, INTERRUPTED = 0, 1, 2, 3, 130
 
 
-@contextmanager
-def progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
-    """A function that shows the stage at work: a spinner on a terminal, nothing in a pipe or beside JSON.
-
-    Of ``total`` parts (frames, points) each call ends one: a bar with their count and the time that is left. Stages
-    that count their parts themselves (`clock.counting`) have such a bar while they last.
-    """
-    if _unseen():
-        yield lambda _: None
-        return
-    if total:
-        with counted("start") as step:
-            done = count(1)
-            yield lambda stage: step(stage, min(next(done), total), total)
-        return
-    from windmark.pipeline.clock import Counted
-
-    with _bars() as bar:
-        task = bar.add_task("start", total=None)
-
-        def show(stage: str) -> None:
-            if isinstance(stage, Counted) and stage.of > 1:
-                if stage.done == 0:  # the time left is that of this stage
-                    bar.reset(task, total=stage.of)
-                bar.update(task, description=str(stage), completed=stage.done)
-                return
-            if bar.tasks[0].finished:
-                bar.tasks[0].total = None
-            bar.update(task, description=stage)
-
-        yield show
-
-
-@contextmanager
-def counted(what: str) -> Iterator[Callable[[str, int, int], None]]:
-    """A function that shows the name of a step, its number and how many there are: a bar with the time that is left
-    on a terminal, nothing in a pipe or beside JSON.
-    """
-    if _unseen():
-        yield lambda name, number, count: None
-        return
-    with _bars() as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda name, number, count: bar.update(task, description=name or what, completed=number, total=count)
-
-
-def _unseen() -> bool:
-    """Whether nobody looks at a progress: no terminal, or the answer is for a machine."""
-    context = get_current_context(silent=True)
-    return not sys.stderr.isatty() or (context is not None and bool(context.params.get("as_json")))
-
-
-@contextmanager
-def _bars() -> Iterator[Any]:
-    """A line on the terminal: a spinner and, where the parts are counted, a bar, their number and the time left."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        ProgressColumn,
-        SpinnerColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    class WhileCounted(ProgressColumn):
-        """A column that is empty while nothing is counted."""
-
-        def __init__(self, column: ProgressColumn) -> None:
-            super().__init__()
-            self._column = column
-
-        def render(self, task: Any) -> Any:
-            return "" if task.total is None else self._column(task)
-
-    parts = [WhileCounted(c) for c in (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())]
-    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), *parts
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        yield bar
-
-
 def answer(record: Mapping[str, Any], as_json: bool, lines: list[str]) -> None:
     """Print the result: JSON for machines, or lines for people, who may have had enough of it (``| head``)."""
     if as_json:
         from windmark.io import to_json
 
-        lines = [_printable(to_json(record))]
+        lines = [printable(to_json(record))]
     else:
         lines = [laid(line, sys.stdout) for line in lines]
     try:
@@ -147,7 +62,7 @@ def print_any_name() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
     """JSON with the escapes of JSON where the output's encoding lacks a sign."""
     try:
         text.encode(sys.stdout.encoding or "utf-8")
@@ -306,65 +221,6 @@ def _report_fault(error: Exception, as_json: bool) -> None:
     _fail(f"a fault of windmark {__version__}, not of your data ({what}); {report}", FAULT, as_json)
 
 
-def command_line(app: Callable[..., Any], as_json: bool) -> int:
-    """Run the command line. Wrong options are said with what was given; under ``--json`` on standard output, too."""
-    try:
-        code = app(standalone_mode=False)
-    except ClickException as error:
-        error.message = _with_what_was_given(error)
-        if as_json:
-            from windmark.pipeline.verdict.errors import usage_verdict
-
-            said = error.format_message()
-            command = getattr(getattr(error, "ctx", None), "command_path", "windmark")
-            with suppress(OSError):
-                typer.echo(_printable(json.dumps({"error": said, "verdict": usage_verdict(said, command).record()})))
-        error.show()
-        return int(error.exit_code)
-    except typer.Abort:
-        return INTERRUPTED
-    return code if isinstance(code, int) else DONE
-
-
-_NOT_A_NUMBER = {"float_parsing": "a number", "int_parsing": "a whole number", "int_from_float": "a whole number"}
-
-
-def _with_what_was_given(error: ClickException) -> str:
-    """The message of a wrong option with its value, which Typer (pydantic) leaves out."""
-    errors = getattr(error.__cause__, "errors", None)
-    if errors is None or not (found := errors()):
-        return error.message
-    given, kind = found[0].get("input"), found[0].get("type")
-    expected = f"expected {_NOT_A_NUMBER[kind]}" if kind in _NOT_A_NUMBER else error.message
-    return f"{expected}, not {given!r}"
-
-
-def expanded(words: list[str]) -> list[str]:
-    """Arguments with the patterns in them expanded, where the shell has not done so (Windows); natural order.
-
-    Values of options stay as they are, for some are patterns themselves; so does what matches nothing.
-    """
-    if sys.platform != "win32":
-        return words
-    return matched(words)
-
-
-def matched(words: list[str]) -> list[str]:
-    """See `expanded`, on every system."""
-    from glob import glob, has_magic
-
-    out: list[str] = []
-    for before, word in zip(["", *words], words, strict=False):
-        plain = not word.startswith("-") and not before.startswith("-") and has_magic(word) and not Path(word).exists()
-        found = sorted(glob(word), key=_natural) if plain else []
-        out += found or [word]
-    return out
-
-
-def _natural(text: str) -> list[tuple[int, str]]:
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]
-
-
 def refuse(reason: str, as_json: bool, record: Mapping[str, Any] | None = None, next_step: str = "") -> None:
     """The data say no: print the reason, and what to do about it, leave with exit code 1."""
     if as_json:
@@ -386,7 +242,7 @@ def _fail(message: str, code: int, as_json: bool, error: WindmarkError | None = 
         step = verdict.next_step if verdict.cause != "file" else ""
     if as_json:
         with suppress(OSError):  # what it is about counts more than that it cannot be printed
-            typer.echo(_printable(json.dumps(record)))
+            typer.echo(printable(json.dumps(record)))
     complain(message)
     _advise(step)
     raise typer.Exit(code)
@@ -394,7 +250,7 @@ def _fail(message: str, code: int, as_json: bool, error: WindmarkError | None = 
 
 def _advise(next_step: str) -> None:
     if next_step:
-        typer.echo(laid(_printable(f"  next: {next_step}"), sys.stderr), err=True)
+        typer.echo(laid(printable(f"  next: {next_step}"), sys.stderr), err=True)
 
 
 def exit_with(code: int) -> typer.Exit:

@@ -11,6 +11,7 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.commands.matching_options import grid_settings
+from windmark.app.progress import progress
 from windmark.app.verdict_words import judged
 from windmark.errors import UsageError, g2
 from windmark.pipeline.convert_cameras import CameraOptions, convert_camera
@@ -88,7 +89,7 @@ def _markers(sources: list[Path], target: Path, wishes: Wishes) -> Record:
 
 def _pictures(sources: list[Path], target: Path, wishes: Wishes) -> Record:
     options = FrameOptions(**wishes.of("frames", "pictures"))
-    with console.progress() as show:
+    with progress() as show:
         return {"kind": "pictures", **convert_frames(
             sources, target, options, progress=show, say=console.complain, about=console.about(target)
         )}  # fmt: skip

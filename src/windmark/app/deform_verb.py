@@ -16,6 +16,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.deform_report import deform_page
+from windmark.app.progress import progress
 from windmark.app.project_place import project_in
 from windmark.app.provenance import Provenance
 from windmark.app.series_folder import left, series_folder
@@ -79,7 +80,7 @@ def deform(path: Path, changed: Changes, live: Live | None, go_on: str, as_json:
             "with them, --output takes another folder",
         )  # fmt: skip
     shown: AbstractContextManager[Callable[[str], None]]
-    shown = console.progress() if live is None else nullcontext(_quiet)  # live, every frame has its line
+    shown = progress() if live is None else nullcontext(_quiet)  # live, every frame has its line
     with shown as show, series_folder(folder, go_on, live=alive) as (out, go_on):
         if live is not None:
             sequence = _live(loaded, folder, live, go_on == "resume", as_json)

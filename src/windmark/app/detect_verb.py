@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from windmark import detection, io
 from windmark.app import console
 from windmark.app.alone import Unreadable, not_drawn, png_alone
+from windmark.app.progress import progress
 from windmark.app.verdict_words import verdict_lines
 from windmark.detection import RadiusEstimate, Rejected
 from windmark.errors import UsageError
@@ -85,7 +86,7 @@ def detect(images: list[Path], wishes: Wishes, as_json: bool) -> None:
     found: dict[str, _Found] = {}
     lost = Unreadable()
     page = None if wishes.report is None else new_page()
-    with console.progress() as show:
+    with progress() as show:
         files = uniquely_named(images)
         ended = counting(show, "detect", len(files))
         for path in files:

@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 from windmark.app import console
+from windmark.app.progress import counted
 from windmark.pipeline import state
 
 
@@ -27,7 +28,7 @@ def warmup(processes: int | None, as_json: bool) -> None:
     from windmark.pipeline.warmup import compile_all
 
     start = time.perf_counter()
-    with console.counted("compile") as show:
+    with counted("compile") as show:
         failed = compile_all(show, processes)
     seconds = time.perf_counter() - start
     record = {"seconds": seconds, "failed": failed}

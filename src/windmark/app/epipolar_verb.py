@@ -14,6 +14,7 @@ from windmark.app.alone import not_drawn, write_png
 from windmark.app.epipolar_pictures import PairWords, pair_picture
 from windmark.app.epipolar_report import Pair, epipolar_page
 from windmark.app.pictures import MISSING
+from windmark.app.progress import progress
 from windmark.app.verdict_words import verdict_lines
 from windmark.errors import UsageError
 from windmark.geometry import Camera
@@ -47,7 +48,7 @@ def run(
     clicks = read_clicks(table, names)
     lenses = [console.read_lens(path) for path in cameras]
     both = (lenses[0], lenses[-1]) if lenses else None
-    with console.progress() as show, console.result_folder(output) as out:
+    with progress() as show, console.result_folder(output) as out:
         grey, spots = [], []
         for k, (path, name) in enumerate(zip(images, names, strict=True)):
             show(f"detect {name}")

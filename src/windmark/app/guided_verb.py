@@ -23,6 +23,7 @@ from windmark.app.detect_verb import (
     uniquely_named,
     used_pixels,
 )
+from windmark.app.progress import progress
 from windmark.app.verdict_words import verdict_lines
 from windmark.detection import AUTO, Guided
 from windmark.detection.either import FEW
@@ -83,7 +84,7 @@ def detect(images: list[Path], wishes: Wishes, guide: Guide, as_json: bool) -> N
     options = {"search_px": guide.search_px, "photometry": wishes.options["photometry"]}
     io.try_paths(wishes.files, console.complain)
     page = None if wishes.report is None else new_page()
-    with console.progress() as show:
+    with progress() as show:
         files = uniquely_named(images)
         ended = counting(show, "detect", len(files))
         for path in files:

@@ -10,6 +10,7 @@ import numpy as np
 from windmark.app import console
 from windmark.app.alone import not_drawn
 from windmark.app.infrared_report import infrared_page, noise_kelvin
+from windmark.app.progress import progress
 from windmark.app.project_place import project_in
 from windmark.app.provenance import Provenance
 from windmark.app.series_folder import series_folder
@@ -44,7 +45,7 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
     for remark in run.remarks:
         console.note(path, remark)
     folder = run.project.output.folder
-    with console.progress(len(run.timeline.frames)) as show, series_folder(folder, go_on) as (out, go_on):
+    with progress(len(run.timeline.frames)) as show, series_folder(folder, go_on) as (out, go_on):
         result = run_infrared(
             run, out.place, say=lambda r: show(f"frame {r.key}: {r.status}"), resume=go_on == "resume",
             finish=go_on == "finish",

@@ -10,6 +10,7 @@ import typer
 
 from windmark import io
 from windmark.app import console
+from windmark.app.progress import progress
 from windmark.errors import UsageError
 from windmark.pipeline.folder import FolderContent, look_into
 from windmark.pipeline.new_project import Choice, choose, missing, project_text
@@ -42,7 +43,7 @@ def init(folder: Path, output: Path | None, given: dict[str, Any], title: str | 
     if unit is not None and unit not in io.LENGTH_UNITS:
         raise UsageError(f"--unit must be one of {', '.join(io.LENGTH_UNITS)}, got {unit}")
     given = {k: v for k, v in given.items() if v is not None}
-    with console.progress() as show:
+    with progress() as show:
         content = look_into(folder, show)
         _read_given(content, given)
     if not (content.pictures or content.cameras or content.markers or content.grids):

@@ -14,6 +14,7 @@ from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn, write_png
 from windmark.app.pictures import BLUE
+from windmark.app.progress import progress
 from windmark.app.project_place import project_in
 from windmark.app.verdict_words import judged
 from windmark.errors import UsageError
@@ -35,7 +36,7 @@ def compare(project: Path, laws: Sequence[str], frames: int, folder: Path | None
             "project"
         )
     folder = folder or OUTPUT
-    with console.progress() as show, console.result_folder(folder) as out:
+    with progress() as show, console.result_folder(folder) as out:
         show("compile and find the first frame")
         result = compare_project(loaded, volumes, frames=frames, seed=seed, say=show)
         failed: list[str] = []

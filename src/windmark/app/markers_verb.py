@@ -9,6 +9,7 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.progress import progress
 from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
@@ -56,7 +57,7 @@ def check(files: Files, settings: CheckSettings, as_json: bool) -> None:
 
         mesh = read_grid(GridEntry(file=files.grid), lengths)
     console.notes(lengths)
-    with console.progress() as show, console.result_folder(files.output) as out:
+    with progress() as show, console.result_folder(files.output) as out:
         done = check_markers(markers, files.unit, camera=camera, mesh=mesh, settings=settings, progress=show)
         show("draw")
         record: Record = {"file": files.markers, **done.record(), "camera_file": files.camera,

@@ -9,6 +9,7 @@ import numpy as np
 
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.progress import progress
 from windmark.app.project_place import project_in
 from windmark.app.provenance import Provenance
 from windmark.app.psp_report import psp_page
@@ -47,7 +48,7 @@ def psp(
     for remark in test.remarks:
         console.note(path, remark)
     folder = test.project.output.folder
-    with console.progress(len(test.rows)) as show, series_folder(folder, go_on, of="points") as (out, go_on):
+    with progress(len(test.rows)) as show, series_folder(folder, go_on, of="points") as (out, go_on):
         records = run_psp(
             test, out.place, threads=threads, scheduler=scheduler, say=lambda r: show(f"point {r.name}: {r.status}"),
             resume=go_on == "resume", finish=go_on == "finish",

@@ -12,6 +12,7 @@ import numpy as np
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.progress import progress
 from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.calibration import Distance
@@ -121,7 +122,7 @@ def run(files: Files, match: MatchOptions, as_json: bool) -> None:
     table = None if files.labels is None else read_labels(files.labels, files.names, primary)
     poses = {} if files.poses is None else read_poses(files.poses, files.names, lengths)
     console.notes(lengths)
-    with console.progress() as show, console.result_folder(files.output) as out:
+    with progress() as show, console.result_folder(files.output) as out:
         clock = Clock(show)
         pictures, views = read_spots(files.images, files.cameras, files.patterns, match, clock)
         views = tuple(replace(v, cam_from_model=poses.get(v.name)) for v in views)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from windmark.app import console
+from windmark.app.progress import progress
 from windmark.errors import UsageError
 from windmark.pipeline.typed import typed
 
@@ -37,7 +38,7 @@ def simulate(folder: Path, seed: int, wishes: Wishes, as_json: bool) -> None:
     if wishes.clocks and wishes.deforming is None:
         raise UsageError("--clocks belongs to --deforming")
     write, describe = (KINDS[chosen[0]] if chosen else _default)(seed, wishes)
-    with console.progress() as show, console.result_folder(folder) as out:
+    with progress() as show, console.result_folder(folder) as out:
         show("render the virtual wind tunnel")
         made = write(out.place)
     record, lines = describe(made, folder)

@@ -9,6 +9,7 @@ from typing import Any
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.progress import progress
 from windmark.app.provenance import Provenance
 from windmark.app.verdict_words import judged, put_verdict
 from windmark.compiling import job_time
@@ -22,7 +23,7 @@ Record = dict[str, Any]
 def study(settings: StudySettings, output: Path, as_json: bool) -> None:
     """Run the study and write table, pictures and page into ``output``, whole or not at all."""
     start = job_time()
-    with console.progress() as show, console.result_folder(output) as out:
+    with progress() as show, console.result_folder(output) as out:
         done = run_study(settings, show)
         show("draw")
         verdict = study_verdict(done.summary())

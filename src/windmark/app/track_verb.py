@@ -14,6 +14,7 @@ import windmark
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import not_drawn
+from windmark.app.progress import progress
 from windmark.app.provenance import Provenance
 from windmark.app.report import Report, measured
 from windmark.app.series_folder import series_folder
@@ -90,7 +91,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
         console.note(Path(address), text)
     instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
     start, made = job_time(), _made_with(wishes, options, change, map(Path, read))
-    with console.progress(len(images)) as show, series_folder(wishes.output, go_on) as (out, go_on):
+    with progress(len(images)) as show, series_folder(wishes.output, go_on) as (out, go_on):
         series = follow_series(
             out.place, images, markers, camera, options=how, instants=instants, made=made, go_on=go_on,
             say=lambda row: show(f"{row.name}: {row.status}"),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.app import console
 from windmark.app.alone import Unreadable, not_drawn, write_png
+from windmark.app.progress import progress
 from windmark.app.undistort_report import Undone, undistort_page
 from windmark.app.verdict_words import judged
 from windmark.calibration import KEEP, corrected_camera, magnified_camera, magnify_distortion, redraw
@@ -58,7 +59,7 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
     written: dict[str, list[str]] = {}
     lost = Unreadable()
     failed: list[str] = []
-    with console.progress() as show, console.result_folder(wishes.output) as out:
+    with progress() as show, console.result_folder(wishes.output) as out:
         place = out.place
         ended = counting(show, "undistort", len(images))
         for path in images:

@@ -8,6 +8,7 @@ from typing import Any
 
 from windmark import io
 from windmark.app import console
+from windmark.app.progress import progress
 from windmark.app.project_place import project_in
 from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import compiling_seconds, job_time
@@ -69,7 +70,7 @@ def carry_out(project: Project, truth: Callable[[RunResult], Comparison] | None 
 
     ``truth`` compares a result with what is known of a synthetic test.
     """
-    with console.progress() as show, console.result_folder(project.output.folder) as out:
+    with progress() as show, console.result_folder(project.output.folder) as out:
         return carry_out_in(out, project, show, truth)
 
 
@@ -187,7 +188,7 @@ def demo(folder: Path, seed: int, as_json: bool) -> None:
     from windmark.pipeline.truth import compare
 
     start = job_time()
-    with console.progress() as show, console.result_folder(folder) as out:
+    with progress() as show, console.result_folder(folder) as out:
         show("render the virtual wind tunnel")
         test = write_test(out.place, seed)
     rendered = job_time() - start

@@ -12,6 +12,7 @@ from typing import Any, get_type_hints
 
 from windmark import io
 from windmark.app import console
+from windmark.app.progress import progress
 from windmark.app.verdict_words import verdict_lines
 from windmark.errors import UsageError
 from windmark.io.manifest import MANIFEST, read_manifest
@@ -46,7 +47,7 @@ def verify(windmark: Any, folder: Path, keep: Path | None, as_json: bool) -> Non
         raise io.FileError(folder / missing[0], f"is missing, and the run needs it{_more(missing)}")
     with tempfile.TemporaryDirectory(prefix="windmark-verify-") as place:
         target = keep or Path(place) / folder.resolve().name
-        with console.progress() as show:
+        with progress() as show:
             show(f"windmark {manifest.get('verb')} again")
             refusal = _again(arguments(windmark, manifest, folder, target))
         if refusal is None:
