@@ -10,7 +10,8 @@ from windmark.resection.footprints import (
     plane_bend,
 )
 from windmark.resection.gains import Gains
-from windmark.resection.merging import MergedValues, MergedViews, NotMerged, merge_views
+from windmark.resection.merged_views import MergedValues, MergedViews, NotMerged
+from windmark.resection.merging import merge_views
 from windmark.resection.nearest import SurfacePoints, nearest_on_surface
 from windmark.resection.noise import NoiseLaw, noise_law
 from windmark.resection.orientation import orient_outward
