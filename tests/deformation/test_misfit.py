@@ -72,8 +72,12 @@ def test_the_largest_place_of_a_pattern_is_named(kind):
     direction = {"sway in its plane": across, "stretch": along, "shear": along}.get(kind, up)
     size = np.radians(0.5) * v if kind == "twist" else np.linspace(-1.0, 3.5, 30)
     if kind == "twist":
-        size[7] *= 1.6  # degrees, not millimetres, are compared
-        assert _looks(shape, kind, np.outer(size, direction), xyz, names, "mm") == ("wing", "twist of 0.8 deg at m7")
+        arm = np.abs(v) / shape.half[1]
+        k = int(np.argmin(np.abs(arm - 0.5)))
+        size[k] *= 1.6  # degrees, not millimetres, are compared
+        size[np.argmin(arm)] = 1.0  # next to the axis any displacement would be many degrees
+        assert 0.3 < arm[k] < 1
+        assert _looks(shape, kind, np.outer(size, direction), xyz, names, "mm") == ("wing", f"twist of 0.8 deg at m{k}")
         return
     other = np.outer(np.full(30, 9.0), along if kind not in ("stretch", "shear") else up)  # of another direction
     words = _looks(shape, kind, np.outer(size, direction) + other, xyz, names, "mm")

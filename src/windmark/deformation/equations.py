@@ -50,6 +50,20 @@ class Equations:
         task, values = self.solved.task, self.solved.values
         return in_tunnel(task.placed.place(values[LAW]), task.wall, values[MOTION])
 
+    def moved(self, change: Array) -> Array:
+        """(P, 3) displacement of the markers in the model's frame for a change (F,) of all that is free.
+
+        The model's rigid motion is part of it, that of the cameras is not.
+        """
+        task, values, slices = self.solved.task, self.solved.values, self.solved.problem.slices
+        out = np.zeros((len(task.placed.xyz), 3))
+        if LAW in slices:
+            out += task.placed.linearise(values[LAW])[1] @ change[slices[LAW]]
+        if MOTION in slices and len(change[slices[MOTION]]):
+            turn, shift = change[slices[MOTION]].reshape(2, 3)
+            out += (np.cross(turn, self.place) + shift) @ values[MOTION].rotation
+        return np.where(task.wall[:, None], 0.0, out)
+
     @cached_property
     def by_place(self) -> Array:
         """(P, 2 V, 3) derivative of the pixels by the markers' places in the tunnel."""

@@ -28,6 +28,10 @@ FALSE = 2.5e-4
 """Probability that a pattern is seen where there is none."""
 
 
+ARM = 0.3
+"""Part of half a volume's width: markers nearer to its axis tell no twist."""
+
+
 @dataclass(frozen=True)
 class Pattern:
     """A misfit with the sum of squares that it explains, its number of unknowns, and what it looks like."""
@@ -113,7 +117,9 @@ def pattern_of(equations: Equations) -> Pattern | None:
     for g in chosen:
         shape, own = fields.shape(g), np.isin(which, fields.group(g))
         at = seen & (np.asarray(task.placed.names) == shape.volume)
-        amount = (fields.field[..., which[own]] @ value[own])[at]
+        # Less what the laws and the rigid motion take up of it: the rest is what is left.
+        taken = equations.moved(added.follow[:, which[own]] @ value[own])
+        amount = (fields.field[..., which[own]] @ value[own] + taken)[at]
         looks.append(_looks(shape, str(fields.kind[fields.groups[g, 0]]), amount, task.placed.xyz[at],
                             task.markers.name[at], length_unit(task.volumes)))  # fmt: skip
     return Pattern(misfit, test, rank, tuple(looks))
@@ -158,7 +164,7 @@ def _looks(shape: Shapes, kind: str, amount: Array, xyz: Array, names: Texts, un
     size = amount @ shape.axes[{"sway in its plane": 1, "stretch": 0, "shear": 0}.get(kind, 2)]
     if kind == "twist":
         v = (xyz - shape.centre) @ shape.axes[1]
-        turn = np.degrees(size / np.where(np.abs(v) > 1e-9 * shape.half[1], v, np.inf))
+        turn = np.degrees(size / np.where(np.abs(v) > ARM * shape.half[1], v, np.inf))
         k = int(np.argmax(np.abs(turn)))
         return shape.volume, f"twist of {g2(abs(turn[k]))} deg at {names[k]}"
     k = int(np.argmax(np.abs(size)))
