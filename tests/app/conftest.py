@@ -104,19 +104,8 @@ def simulated(windmark, made_once, few_flats):
     return folder
 
 
-@pytest.fixture(scope="module")
-def small_film():
-    """Small films for all of a module, where those of its fixtures are compared to the byte with its tests' own."""
-    from windmark.app import deform_film
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)
-        patch.setattr(deform_film, "colour_bar", no_bar)
-        yield
-
-
-@pytest.fixture
-def undrawn():
+@contextlib.contextmanager
+def without_drawings():
     """Reports without scenes, with blank pictures and small films, for tests of the numbers: a third of their time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -139,6 +128,20 @@ def undrawn():
         patch.setattr(Report, "scene", lambda *_, **__: None)
         patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)
         patch.setattr(deform_film, "colour_bar", no_bar)
+        yield
+
+
+@pytest.fixture
+def undrawn():
+    """For one test; what its module's fixtures have made before is drawn."""
+    with without_drawings():
+        yield
+
+
+@pytest.fixture(scope="module")
+def all_undrawn():
+    """For all of a module, its fixtures, too, where `usefixtures` of the whole module names it."""
+    with without_drawings():
         yield
 
 

@@ -15,7 +15,7 @@ from windmark.pipeline.resume import measured
 from windmark.pipeline.simulate_psp import simulate_psp
 
 # A scheduler and workers in processes of their own.
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("all_undrawn")]
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed (pip install windmark[cluster])")
 

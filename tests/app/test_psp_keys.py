@@ -16,7 +16,7 @@ from windmark.synth import psp_test
 from windmark.synth.pressure_paint import SternVolmer
 
 # Whole points of a paint test, for each key.
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("all_undrawn")]
 
 COLOURS = {"reference": SternVolmer(np.array([[1.0]])), "temperature": SternVolmer(np.array([[1.0, 0.012]]))}
 """What other colours of the paint answer to: to nothing, to temperature alone."""

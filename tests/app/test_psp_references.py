@@ -10,7 +10,7 @@ import pytest
 from windmark import io
 from windmark.pipeline.simulate_psp import simulate_psp
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # whole points of a paint test
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("all_undrawn")]  # whole points of a paint test
 
 
 @pytest.fixture(scope="module")
