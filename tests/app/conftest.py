@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from windmark.app.cli import app
 from windmark.app.report import Report
+from windmark.pipeline import simulate_board
 from windmark.pipeline.simulate_cameras import simulate_cameras
 from windmark.pipeline.simulate_deforming import simulate_deforming
 from windmark.pipeline.simulate_infrared import simulate_infrared
@@ -25,6 +26,8 @@ from windmark.synth.render import render
 SMALL_FILM_PX = (180, 120)
 SMALL_PX = {simulate_psp: (640, 400), simulate_deforming: (640, 400), simulate_infrared: (480, 384)}
 """Pictures of a third of the usual pixels, for time; the projects say the markers' radius."""
+SMALL_BOARD = {"COLUMNS": 10, "ROWS": 8, "SIZE_PX": (680, 540)}
+"""A board that still has its rings, dots as large as usual: commands say their radius."""
 
 
 def no_bar(largest, label, height):
@@ -95,6 +98,8 @@ def simulated(windmark, made_once, few_flats):
                     usual = inspect.signature(simulate).parameters["size_px"].default
                     given = tuple(size if value == usual else value for value in simulate.__defaults__)
                     patch.setattr(simulate, "__defaults__", given)
+                for name, value in SMALL_BOARD.items():
+                    patch.setattr(simulate_board, name, value)
                 done = windmark("simulate", place / "out", *options)
             assert done.code == 0, done.err
             few_flats(place / "out")

@@ -122,9 +122,9 @@ def film(desk, _):
 
 MAKERS = {
     "tunnel": (("--seed", 7), tunnel),
-    "photos": (("--photos", 8), photos),
+    "photos": (("--photos", 5), photos),
     "wing": (("--deforming", 4, "--seed", 3), wing),
-    "film": (("--sequence", 4), film),
+    "film": (("--sequence", 3), film),
 }
 """What each kind of examples is simulated with, and what is made of that."""
 
