@@ -5,6 +5,7 @@ import functools
 import inspect
 import json
 import shutil
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +20,7 @@ from windmark.pipeline import simulate_board
 from windmark.pipeline.simulate_cameras import simulate_cameras
 from windmark.pipeline.simulate_deforming import simulate_deforming
 from windmark.pipeline.simulate_infrared import simulate_infrared
-from windmark.pipeline.simulate_psp import simulate_psp
+from windmark.pipeline.simulate_psp import simulate_psp, write_psp_test
 from windmark.synth import marker_sheet
 from windmark.synth.render import render
 
@@ -74,6 +75,31 @@ def few_flats():
                 flat.unlink()
 
     return leave
+
+
+SECOND_CAMERA = '[[camera]]\nname = "cam2"\nfile = "cam2.json"\n'
+CAMERAS_NOISE = "gain = 1.855\nread_noise = 3.25"
+"""Of a simulated paint camera, which the even pictures would say, too: that takes a tenth of a job."""
+
+
+@pytest.fixture(scope="session")
+def one_camera(few_flats):
+    """``one_camera(folder, test)``: write a paint test as its first camera alone sees it, whose noise is said.
+
+    A second camera doubles the time of a job. Gives the test as it was written.
+    """
+
+    def written(folder, test):
+        alone = replace(test, cameras={"cam1": test.cameras["cam1"]})
+        write_psp_test(folder, alone)
+        few_flats(folder)
+        text = (folder / "psp.toml").read_text()
+        assert SECOND_CAMERA in text
+        text = text.replace(SECOND_CAMERA, "").replace("[radiometry]", f"[radiometry]\n{CAMERAS_NOISE}")
+        (folder / "psp.toml").write_text(text)
+        return alone
+
+    return written
 
 
 @pytest.fixture(scope="session")

@@ -141,7 +141,7 @@ def test_killed_before_the_first_frame_has_handed_anything_on(made, whole, windm
 
 
 def test_interrupted_between_tables_and_journal(made, whole, windmark, tmp_path):
-    """The frame is in all of them or in none: the interrupt waits until it is. Once before the state, once behind it."""
+    """The frame is in all of them or in none: the interrupt waits until it is. Once before the state, once behind."""
     out = tmp_path / "out"
     real = resume.replaced_file
 
