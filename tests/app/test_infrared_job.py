@@ -8,6 +8,8 @@ import xarray
 
 from windmark import io
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 
 @pytest.fixture(scope="module")
 def warm(virtual_test, tmp_path_factory):

@@ -8,6 +8,8 @@ import pytest
 from windmark import io
 from windmark.geometry import Pose
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 
 @pytest.fixture
 def arguments(virtual_test):
