@@ -12,7 +12,7 @@ from windmark.pipeline.simulate_deforming import simulate_deforming
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("all_undrawn")]  # a sequence by cameras that are not in step
 
-FRAMES = 12
+FRAMES = 10
 
 
 def rows(path):
