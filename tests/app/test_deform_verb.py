@@ -281,7 +281,6 @@ def test_a_single_camera_that_was_bumped_measures_nothing(copy, windmark, px):
     assert all(f"are {px} px from their places" in r["reason"] for r in table[3:])
 
 
-@pytest.mark.slow
 def test_of_two_cameras_without_walls_nobody_knows_which_one_was_moved(copy, windmark):
     """Nothing is measured, where one was by a degree."""
     text = (copy / "markers.csv").read_text().splitlines()
@@ -330,7 +329,6 @@ def test_live_gives_the_same_as_from_the_disk(made, done, copy, windmark):
     assert live.json["last_twist_deg"] == pytest.approx(done.json["last_twist_deg"], abs=1e-3)
 
 
-@pytest.mark.slow
 def test_nothing_arrives(copy, windmark):
     (copy / "incoming").mkdir()
     done = windmark("deform", copy / "deform.toml", "--watch", copy / "incoming", "--idle", 0.1)

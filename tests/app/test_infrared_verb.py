@@ -317,7 +317,6 @@ def test_a_model_that_no_camera_shows_is_told(windmark, light):
     assert json.loads((light / "infrared" / "summary.json").read_text())["failed"] == 3
 
 
-@pytest.mark.slow
 def test_even_pictures_are_inputs_of_the_run_however_they_are_named(copied):
     import tifffile
 

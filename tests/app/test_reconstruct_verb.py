@@ -136,7 +136,6 @@ def test_the_report_has_pictures_and_words(done):
     assert "http" not in re.sub(PACKED, "", page)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_labels_and_a_free_focal_length(windmark, folder, wall, tmp_path):
     seen = {int(m): wall.detections[2].xy[s] for s, m in enumerate(wall.labels[2])}
@@ -157,7 +156,6 @@ def test_labels_and_a_free_focal_length(windmark, folder, wall, tmp_path):
     assert not (tmp_path / "out" / "pair.png").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_poses_of_an_earlier_result_are_a_beginning(windmark, folder, done, wall, tmp_path):
     """Three primaries in a folder of poses, no labels: the poses say where they are."""
