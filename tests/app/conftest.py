@@ -21,7 +21,7 @@ from windmark.pipeline.simulate_cameras import simulate_cameras
 from windmark.pipeline.simulate_deforming import simulate_deforming
 from windmark.pipeline.simulate_infrared import simulate_infrared
 from windmark.pipeline.simulate_psp import simulate_psp, write_psp_test
-from windmark.synth import marker_sheet
+from windmark.synth import marker_sheet, psp_test
 from windmark.synth.render import render
 
 SMALL_FILM_PX = (180, 120)
@@ -126,6 +126,8 @@ def simulated(windmark, made_once, few_flats):
                     patch.setattr(simulate, "__defaults__", given)
                 for name, value in SMALL_BOARD.items():
                     patch.setattr(simulate_board, name, value)
+                for kind in ("on_frames", "off_frames"):
+                    patch.setitem(psp_test.__kwdefaults__, kind, 2)
                 done = windmark("simulate", place / "out", *options)
             assert done.code == 0, done.err
             few_flats(place / "out")
