@@ -1,5 +1,6 @@
 """`windmark psp --scheduler`: the same bytes as here, a worker that is killed, a run that is stopped and goes on."""
 
+import contextlib
 import csv
 import json
 import os
@@ -75,19 +76,31 @@ class Cluster:
         return subprocess.Popen([*command, "--host", "127.0.0.1", *more], cwd=self.place, env=as_a_user,
                                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
 
-    def close(self):
-        for process in (*self.workers, self.scheduler):
+    def dismiss(self):
+        """No worker any more."""
+        for process in self.workers:
             process.kill()
             process.wait()
+        self.workers.clear()
+
+    def close(self):
+        self.dismiss()
+        self.scheduler.kill()
+        self.scheduler.wait()
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory):
+    made = Cluster(tmp_path_factory.mktemp("scheduler"))
+    yield made
+    made.close()
 
 
 @pytest.fixture
-def cluster(tmp_path):
-    place = tmp_path / "cluster"
-    place.mkdir()
-    made = Cluster(place)
-    yield made
-    made.close()
+def cluster(scheduler):
+    """The module's scheduler, as it was before the first worker."""
+    yield scheduler
+    scheduler.dismiss()
 
 
 def results(folder):
@@ -101,6 +114,24 @@ def kept(out):
     return max(measured(folder) for folder in (out, out.with_name(f".windmark-{out.name}") / "new"))
 
 
+@contextlib.contextmanager
+def killed_after_two(worker, out):
+    """Meanwhile the worker is killed, as soon as two points are kept."""
+
+    def kill():
+        end = time.monotonic() + START_S
+        while kept(out) < 2 and time.monotonic() < end:
+            time.sleep(0.01)
+        worker.kill()
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        yield
+    finally:
+        killer.join()
+
+
 @pytest.fixture(scope="module")
 def whole(windmark, polar, tmp_path_factory):
     out = tmp_path_factory.mktemp("whole") / "out"
@@ -112,17 +143,8 @@ def whole(windmark, polar, tmp_path_factory):
 def test_two_workers_one_of_them_killed_give_the_same_bytes(windmark, polar, cluster, whole, tmp_path):
     out = tmp_path / "out"
     first, _ = cluster.worker(), cluster.worker()
-
-    def kill():
-        end = time.monotonic() + START_S
-        while kept(out) < 2 and time.monotonic() < end:
-            time.sleep(0.01)
-        first.kill()
-
-    killer = threading.Thread(target=kill)
-    killer.start()
-    done = windmark("psp", polar / "psp.toml", "-o", out, "--scheduler", cluster.address, "--json")
-    killer.join()
+    with killed_after_two(first, out):
+        done = windmark("psp", polar / "psp.toml", "-o", out, "--scheduler", cluster.address, "--json")
     assert done.code == 0, done.err
     assert first.poll() is not None
     assert (done.json["reduced"], done.json["failed"]) == (3, 1)
@@ -134,18 +156,11 @@ def test_two_workers_one_of_them_killed_give_the_same_bytes(windmark, polar, clu
 @pytest.mark.filterwarnings("ignore")
 def test_a_run_on_the_cluster_that_was_stopped_goes_on_anywhere(windmark, polar, cluster, whole, tmp_path):
     out = tmp_path / "out"
-    worker = cluster.worker()
-    command = [sys.executable, "-m", "windmark.app.cli", "psp", polar / "psp.toml", "-o", out]
-    run = subprocess.Popen([*command, "--scheduler", cluster.address], stdout=subprocess.DEVNULL,
-                           stderr=subprocess.PIPE, text=True)  # fmt: skip
-    end = time.monotonic() + 2 * START_S
-    while kept(out) < 2 and time.monotonic() < end and run.poll() is None:
-        time.sleep(0.01)
-    worker.kill()  # the only one: the run ends by itself, with what there is
-    said = run.communicate(timeout=START_S)[1]
-    assert run.returncode == 2
-    assert "has no worker left" in said
-    assert "points are kept: --resume goes on" in said
+    with killed_after_two(cluster.worker(), out):  # the only one: the run ends by itself, with what there is
+        ended = windmark("psp", polar / "psp.toml", "-o", out, "--scheduler", cluster.address)
+    assert ended.code == 2
+    assert "has no worker left" in ended.err
+    assert "points are kept: --resume goes on" in ended.err
     before = kept(out)
     assert before >= 2
     again = windmark("psp", polar / "psp.toml", "-o", out, "--resume", "--threads", 2, "--json")
