@@ -164,6 +164,12 @@ def without_drawings():
         yield
 
 
+@pytest.fixture(scope="session")
+def without_pictures():
+    """``with without_pictures():`` the same for a part of a test or of a fixture."""
+    return without_drawings
+
+
 @pytest.fixture
 def undrawn():
     """For one test; what its module's fixtures have made before is drawn."""
