@@ -83,7 +83,19 @@ CAMERAS_NOISE = "gain = 1.855\nread_noise = 3.25"
 
 
 @pytest.fixture(scope="session")
-def one_camera(few_flats):
+def no_second_camera():
+    """``no_second_camera(folder)``: the project of a paint test names its first camera only."""
+
+    def changed(folder):
+        text = (folder / "psp.toml").read_text()
+        assert SECOND_CAMERA in text
+        (folder / "psp.toml").write_text(text.replace(SECOND_CAMERA, ""))
+
+    return changed
+
+
+@pytest.fixture(scope="session")
+def one_camera(few_flats, no_second_camera):
     """``one_camera(folder, test)``: write a paint test as its first camera alone sees it, whose noise is said.
 
     A second camera doubles the time of a job. Gives the test as it was written.
@@ -93,10 +105,9 @@ def one_camera(few_flats):
         alone = replace(test, cameras={"cam1": test.cameras["cam1"]})
         write_psp_test(folder, alone)
         few_flats(folder)
+        no_second_camera(folder)
         text = (folder / "psp.toml").read_text()
-        assert SECOND_CAMERA in text
-        text = text.replace(SECOND_CAMERA, "").replace("[radiometry]", f"[radiometry]\n{CAMERAS_NOISE}")
-        (folder / "psp.toml").write_text(text)
+        (folder / "psp.toml").write_text(text.replace("[radiometry]", f"[radiometry]\n{CAMERAS_NOISE}"))
         return alone
 
     return written

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import xarray
 from killing import in_child, killed_at
+from test_deform_verb import SECOND
 
 from windmark import io
 from windmark.app import deform_verb
@@ -28,9 +29,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("all_undrawn")]  # whole
 FRAMES = 6
 FEW = 3
 TABLES = ("cameras.csv", "span.csv", "markers.csv", "points-taps.csv", "units.json", "deformation.gif")
-
-
-SECOND = '[[camera]]\nname = "cam2"\nfile = "cam2.json"\nimages = "images/cam2-*.tif"\n'
 
 
 @pytest.fixture(scope="module")
