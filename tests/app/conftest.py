@@ -5,6 +5,7 @@ import functools
 import inspect
 import json
 import shutil
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,16 +16,19 @@ from typer.testing import CliRunner
 
 from windmark.app.cli import app
 from windmark.app.report import Report
+from windmark.pipeline import simulate_board
 from windmark.pipeline.simulate_cameras import simulate_cameras
 from windmark.pipeline.simulate_deforming import simulate_deforming
 from windmark.pipeline.simulate_infrared import simulate_infrared
-from windmark.pipeline.simulate_psp import simulate_psp
-from windmark.synth import marker_sheet
+from windmark.pipeline.simulate_psp import simulate_psp, write_psp_test
+from windmark.synth import marker_sheet, psp_test
 from windmark.synth.render import render
 
 SMALL_FILM_PX = (180, 120)
 SMALL_PX = {simulate_psp: (640, 400), simulate_deforming: (640, 400), simulate_infrared: (480, 384)}
 """Pictures of a third of the usual pixels, for time; the projects say the markers' radius."""
+SMALL_BOARD = {"COLUMNS": 10, "ROWS": 8, "SIZE_PX": (680, 540)}
+"""A board that still has its rings, dots as large as usual: commands say their radius."""
 
 
 def no_bar(largest, label, height):
@@ -73,6 +77,42 @@ def few_flats():
     return leave
 
 
+SECOND_CAMERA = '[[camera]]\nname = "cam2"\nfile = "cam2.json"\n'
+CAMERAS_NOISE = "gain = 1.855\nread_noise = 3.25"
+"""Of a simulated paint camera, which the even pictures would say, too: that takes a tenth of a job."""
+
+
+@pytest.fixture(scope="session")
+def no_second_camera():
+    """``no_second_camera(folder)``: the project of a paint test names its first camera only."""
+
+    def changed(folder):
+        text = (folder / "psp.toml").read_text()
+        assert SECOND_CAMERA in text
+        (folder / "psp.toml").write_text(text.replace(SECOND_CAMERA, ""))
+
+    return changed
+
+
+@pytest.fixture(scope="session")
+def one_camera(few_flats, no_second_camera):
+    """``one_camera(folder, test)``: write a paint test as its first camera alone sees it, whose noise is said.
+
+    A second camera doubles the time of a job. Gives the test as it was written.
+    """
+
+    def written(folder, test):
+        alone = replace(test, cameras={"cam1": test.cameras["cam1"]})
+        write_psp_test(folder, alone)
+        few_flats(folder)
+        no_second_camera(folder)
+        text = (folder / "psp.toml").read_text()
+        (folder / "psp.toml").write_text(text.replace("[radiometry]", f"[radiometry]\n{CAMERAS_NOISE}"))
+        return alone
+
+    return written
+
+
 @pytest.fixture(scope="session")
 def bending(made_once):
     """``bending(n, folder)``: a copy of the synthetic deformation test of n frames, which is made once."""
@@ -95,6 +135,10 @@ def simulated(windmark, made_once, few_flats):
                     usual = inspect.signature(simulate).parameters["size_px"].default
                     given = tuple(size if value == usual else value for value in simulate.__defaults__)
                     patch.setattr(simulate, "__defaults__", given)
+                for name, value in SMALL_BOARD.items():
+                    patch.setattr(simulate_board, name, value)
+                for kind in ("on_frames", "off_frames"):
+                    patch.setitem(psp_test.__kwdefaults__, kind, 2)
                 done = windmark("simulate", place / "out", *options)
             assert done.code == 0, done.err
             few_flats(place / "out")
@@ -104,19 +148,8 @@ def simulated(windmark, made_once, few_flats):
     return folder
 
 
-@pytest.fixture(scope="module")
-def small_film():
-    """Small films for all of a module, where those of its fixtures are compared to the byte with its tests' own."""
-    from windmark.app import deform_film
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)
-        patch.setattr(deform_film, "colour_bar", no_bar)
-        yield
-
-
-@pytest.fixture
-def undrawn():
+@contextlib.contextmanager
+def without_drawings():
     """Reports without scenes, with blank pictures and small films, for tests of the numbers: a third of their time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -139,6 +172,26 @@ def undrawn():
         patch.setattr(Report, "scene", lambda *_, **__: None)
         patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)
         patch.setattr(deform_film, "colour_bar", no_bar)
+        yield
+
+
+@pytest.fixture(scope="session")
+def without_pictures():
+    """``with without_pictures():`` the same for a part of a test or of a fixture."""
+    return without_drawings
+
+
+@pytest.fixture
+def undrawn():
+    """For one test; what its module's fixtures have made before is drawn."""
+    with without_drawings():
+        yield
+
+
+@pytest.fixture(scope="module")
+def all_undrawn():
+    """For all of a module, its fixtures, too, where `usefixtures` of the whole module names it."""
+    with without_drawings():
         yield
 
 

@@ -31,7 +31,7 @@ def report(windmark, virtual_test, tmp_path_factory):
 @pytest.fixture(scope="module")
 def page(report, tmp_path_factory):
     # A small window: without a graphics card every pixel of every change is the processor's.
-    with browser.opened(tmp_path_factory.mktemp("browser"), 900, 600) as tab:
+    with browser.opened(tmp_path_factory.mktemp("browser"), 720, 520) as tab:
         yield tab.open(report)
 
 

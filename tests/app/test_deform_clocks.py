@@ -10,9 +10,9 @@ from scipy.ndimage import uniform_filter1d
 from windmark import io
 from windmark.pipeline.simulate_deforming import simulate_deforming
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # a sequence by cameras that are not in step
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("all_undrawn")]  # a sequence by cameras that are not in step
 
-FRAMES = 12
+FRAMES = 10
 
 
 def rows(path):

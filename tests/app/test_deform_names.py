@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # whole series, for each way of naming pictures
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("all_undrawn")]  # whole series, for each way of naming pictures
 
 FRAMES = 3
 

@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import functools
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 import xarray
 from killing import in_child, killed_at
+from test_deform_verb import SECOND
 
 from windmark import io
 from windmark.app import deform_verb
@@ -22,24 +24,49 @@ from windmark.pipeline.deform import outputs
 from windmark.pipeline.journal_values import loaded
 from windmark.pipeline.resume import JOURNAL, STATE, TITLE, measured
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]  # whole series, stopped and gone on with
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("all_undrawn")]  # whole series, stopped and gone on with
 
 FRAMES = 6
+FEW = 3
 TABLES = ("cameras.csv", "span.csv", "markers.csv", "points-taps.csv", "units.json", "deformation.gif")
 
 
 @pytest.fixture(scope="module")
-def made(bending, tmp_path_factory):
-    """With grids and their values of every third frame: some behind the frame at which a run ends, some before."""
+def of_two(bending, tmp_path_factory):
+    """By two cameras, with grids and their values of every third frame: some behind the one at which a run ends."""
     folder = bending(FRAMES, tmp_path_factory.mktemp("resume"))
     text = (folder / "deform.toml").read_text()
-    assert "every = 1\n" in text
-    (folder / "deform.toml").write_text(text.replace("every = 1\n", "every = 3\n"))
+    for usual, here in (("every = 1\n", "every = 3\n"), ('zero = ["0", "1"]', 'zero = ["0"]')):
+        assert usual in text
+        text = text.replace(usual, here)
+    (folder / "deform.toml").write_text(text)
     return folder
 
 
 @pytest.fixture(scope="module")
-def whole(made, windmark, small_film):
+def made(of_two, tmp_path_factory):
+    """The same by one of them: what is kept and told does not depend on their number, and a run takes half the time."""
+    folder = tmp_path_factory.mktemp("one") / "test"
+    shutil.copytree(of_two, folder, ignore=shutil.ignore_patterns("cam2*", "whole"))
+    text = (folder / "deform.toml").read_text()
+    assert SECOND in text
+    (folder / "deform.toml").write_text(text.replace(SECOND, ""))
+    return folder
+
+
+@pytest.fixture
+def first_pictures(made, tmp_path):
+    """The pictures of the first frames, where a live run need not measure them all."""
+    place = tmp_path / "incoming"
+    place.mkdir()
+    for k in range(FEW):
+        for picture in (made / "images").glob(f"*-{k:04d}.tif"):
+            shutil.copy(picture, place)
+    return place
+
+
+@pytest.fixture(scope="module")
+def whole(made, windmark):
     """Results of a run that nobody disturbed."""
     assert windmark("deform", made / "deform.toml", "-o", made / "whole").code == 0
     return made / "whole"
@@ -90,15 +117,16 @@ def assert_readable(folder):
     return count
 
 
-@pytest.mark.parametrize("frames", [1, 4])
-def test_killed_and_resumed_is_the_same_as_undisturbed(made, whole, windmark, tmp_path, frames):
+def test_killed_twice_and_resumed_is_the_same_as_undisturbed(of_two, windmark, tmp_path_factory, tmp_path):
     """SIGKILL: the folder was a hidden one with a NetCDF file that nothing could open, and no verb went on."""
-    out = tmp_path / "out"
+    whole, out = tmp_path_factory.mktemp("undisturbed") / "out", tmp_path / "out"
+    assert windmark("deform", of_two / "deform.toml", "-o", whole).code == 0
     beside = tmp_path / ".windmark-out" / "new"
-    killed_at(beside, frames, lambda: windmark("deform", made / "deform.toml", "-o", out))
-    assert not out.exists()
-    assert frames <= assert_readable(beside) < FRAMES
-    done = windmark("deform", made / "deform.toml", "-o", out, "--resume")
+    for frames, more in ((1, ()), (4, ("--resume",))):
+        killed_at(beside, frames, lambda more=more: windmark("deform", of_two / "deform.toml", "-o", out, *more))
+        assert not out.exists()
+        assert frames <= assert_readable(beside) < FRAMES
+    done = windmark("deform", of_two / "deform.toml", "-o", out, "--resume")
     assert done.code == 0, done.err
     assert_same(whole, out)
     assert [p.name for p in tmp_path.iterdir()] == ["out"]  # nothing is left beside it, hidden or not
@@ -125,26 +153,26 @@ def test_killed_before_the_first_frame_has_handed_anything_on(made, whole, windm
     assert_same(whole, out)
 
 
-@pytest.mark.parametrize("when", ["before", "after"])
-def test_interrupted_between_tables_and_journal(made, whole, windmark, tmp_path, when):
-    """The third frame is in all of them or in none: the interrupt waits until it is."""
+def test_interrupted_between_tables_and_journal(made, whole, windmark, tmp_path):
+    """The frame is in all of them or in none: the interrupt waits until it is. Once before the state, once behind."""
     out = tmp_path / "out"
     real = resume.replaced_file
 
-    def interrupted(folder, name, content):
-        here = name == STATE and int.from_bytes(content[:8], "little") == 3
-        if here and when == "before":
-            os.kill(os.getpid(), signal.SIGINT)
-        real(folder, name, content)
-        if here and when == "after":
-            os.kill(os.getpid(), signal.SIGINT)
+    def run(at, when, *more):
+        def interrupted(folder, name, content):
+            here = name == STATE and int.from_bytes(content[:8], "little") == at
+            if here and when == "before":
+                os.kill(os.getpid(), signal.SIGINT)
+            real(folder, name, content)
+            if here and when == "after":
+                os.kill(os.getpid(), signal.SIGINT)
 
-    def run():
         resume.replaced_file = interrupted
-        windmark("deform", made / "deform.toml", "-o", out)
+        windmark("deform", made / "deform.toml", "-o", out, *more)
 
-    os.waitpid(in_child(run), 0)
-    assert measured(tmp_path / ".windmark-out" / "new") == 3
+    for at, when, more in ((2, "before", ()), (4, "after", ("--resume",))):
+        os.waitpid(in_child(functools.partial(run, at, when, *more)), 0)
+        assert measured(tmp_path / ".windmark-out" / "new") == at
     done = windmark("deform", made / "deform.toml", "-o", out, "--resume")
     assert done.code == 0, done.err
     assert_same(whole, out)
@@ -187,7 +215,7 @@ def test_what_has_changed_since_is_named(made, windmark, tmp_path):
     shutil.copytree(made, copy, ignore=shutil.ignore_patterns("whole*", "deformation*"))
     project, beside = copy / "deform.toml", copy / ".windmark-deformation" / "new"
     markers, image, later = copy / "markers.csv", *(copy / "images" / f"cam1-000{k}.tif" for k in (1, 5))
-    project.write_text(project.read_text().replace('zero = ["0", "1"]', 'zero = ["0", "5"]'))
+    project.write_text(project.read_text().replace('zero = ["0"]', 'zero = ["0", "5"]'))
     killed_at(beside, 3, lambda: windmark("deform", project))
     text = project.read_text()
     for change, expected in (
@@ -212,14 +240,16 @@ def test_a_table_that_somebody_has_saved_is_not_gone_on_with(made, windmark, tmp
     """By a spreadsheet, with its own signs between the cells: rows of two kinds stood in one table."""
     out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     killed_at(beside, 2, lambda: windmark("deform", made / "deform.toml", "-o", out))
-    for name in ("deformation.csv", "points-taps.csv"):
+    for name, option, saved in (
+        ("deformation.csv", "--resume", lambda content: content.replace(b",", b";")),
+        ("deformation.csv", "--finish", lambda content: content.replace(b"\n", b"\r\n")),
+        ("points-taps.csv", "--resume", lambda content: content[:-9]),
+    ):
         content = (beside / name).read_bytes()
-        for saved in (content.replace(b",", b";"), content.replace(b"\n", b"\r\n"), content[:-9]):
-            (beside / name).write_bytes(saved)
-            for option in ("--resume", "--finish"):
-                done = windmark("deform", made / "deform.toml", "-o", out, option)
-                assert done.code == 2
-                assert f"{name}: was changed since the run was stopped" in done.err
+        (beside / name).write_bytes(saved(content))
+        done = windmark("deform", made / "deform.toml", "-o", out, option)
+        assert done.code == 2
+        assert f"{name}: was changed since the run was stopped" in done.err
         (beside / name).write_bytes(content)
     assert windmark("deform", made / "deform.toml", "-o", out, "--resume").code == 0
 
@@ -241,29 +271,34 @@ def test_begun_anew_says_what_is_dropped(made, windmark, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-@pytest.mark.parametrize("file", ["markers.csv", "journal", "new"])
-def test_a_full_disk_is_told_and_keeps_what_is_written(made, whole, windmark, tmp_path, monkeypatch, file):
-    """The fourth write to a file finds the disk full, and takes half of it."""
+def test_a_full_disk_is_told_and_keeps_what_is_written(made, whole, windmark, tmp_path, monkeypatch):
+    """A write to a file finds the disk full, and takes half of it: to a table, gone on with, to the journal, again."""
     out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
-    append, count = AppendedFile.append, {"n": 0}
+    append = AppendedFile.append
+    for file, at, frames, more in (
+        ("markers.csv", 3, 1, ()),  # behind its head and the first frame
+        ("journal", 2, 2, ("--resume",)),
+        ("new", 3, 3, ("--resume",)),  # behind the series and the third frame's state
+    ):
+        count = {"n": 0}
 
-    def full(self, content):
-        if file == self.path.name:
-            count["n"] += 1
-            if count["n"] == 4:
-                os.write(self._file.fileno(), content[: len(content) // 2])
-                self.take_back(self.size)
-                raise io.FileError(self.path, "cannot be written: the disk is full")
-        append(self, content)
+        def full(self, content, file=file, at=at, count=count):
+            if file == self.path.name:
+                count["n"] += 1
+                if count["n"] == at:
+                    os.write(self._file.fileno(), content[: len(content) // 2])
+                    self.take_back(self.size)
+                    raise io.FileError(self.path, "cannot be written: the disk is full")
+            append(self, content)
 
-    monkeypatch.setattr(AppendedFile, "append", full)
-    done = windmark("deform", made / "deform.toml", "-o", out)
-    monkeypatch.undo()
-    assert done.code == 2
-    assert "the disk is full" in done.err
-    kept = re.search(r"(\d+) frames are kept: --resume goes on with them, --finish makes do with them", done.err)
-    assert kept is not None, done.err
-    assert assert_readable(beside) == int(kept.group(1)) == len(rows(beside / "deformation.csv"))
+        with monkeypatch.context() as patch:
+            patch.setattr(AppendedFile, "append", full)
+            done = windmark("deform", made / "deform.toml", "-o", out, *more)
+        assert done.code == 2
+        assert "the disk is full" in done.err
+        kept = re.search(r"(\d+) frames are kept: --resume goes on with them, --finish makes do with them", done.err)
+        assert kept is not None, done.err
+        assert assert_readable(beside) == int(kept.group(1)) == len(rows(beside / "deformation.csv")) == frames
     assert windmark("deform", made / "deform.toml", "-o", out, "--resume").code == 0
     assert_same(whole, out)
 
@@ -313,10 +348,13 @@ def test_a_disk_that_is_really_full(made, windmark, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("live", [False, True])
-def test_a_disk_that_is_full_when_the_report_is_drawn_keeps_the_frames(made, windmark, tmp_path, monkeypatch, live):
+def test_a_disk_that_is_full_when_the_report_is_drawn_keeps_the_frames(
+    made, windmark, tmp_path, monkeypatch, live, first_pictures
+):
     """That they are kept was not said, and the next live run refused them."""
-    out, images = tmp_path / "out", ("--watch", made / "images", "--idle", 0.5)
+    out, images = tmp_path / "out", ("--watch", first_pictures, "--idle", 0.5)
     command = ["deform", made / "deform.toml", "-o", out, *(images if live else ())]
+    frames = FEW if live else FRAMES
 
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -326,13 +364,15 @@ def test_a_disk_that_is_full_when_the_report_is_drawn_keeps_the_frames(made, win
         done = windmark(*command)
     assert done.code == 2
     assert "the disk is full" in done.err
-    assert f"{FRAMES} frames are kept: --resume goes on with them" in done.err
+    assert f"{frames} frames are kept: --resume goes on with them" in done.err
     done = windmark(*command, "--resume", "--json")
-    assert (done.code, done.json["frames"]) == (0, FRAMES)
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    assert (done.code, done.json["frames"]) == (0, frames)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["incoming", "out"]
 
 
-def test_a_disk_that_is_full_before_the_first_frame_leaves_nothing_hidden(made, windmark, tmp_path, monkeypatch):
+def test_a_disk_that_is_full_before_the_first_frame_leaves_nothing_hidden(
+    made, windmark, tmp_path, monkeypatch, first_pictures
+):
     """A watched run writes into its folder itself: a journal without a frame stayed there."""
     out = tmp_path / "out"
 
@@ -341,13 +381,13 @@ def test_a_disk_that_is_full_before_the_first_frame_leaves_nothing_hidden(made, 
 
     with monkeypatch.context() as patch:
         patch.setattr(outputs.Writer, "add", full)
-        done = windmark("deform", made / "deform.toml", "-o", out, "--watch", made / "images", "--idle", 0.5)
+        done = windmark("deform", made / "deform.toml", "-o", out, "--watch", first_pictures, "--idle", 0.5)
     assert done.code == 2
     assert "the disk is full" in done.err
     assert "are kept" not in done.err
     assert not list(out.rglob(".*"))
-    again = ("deform", made / "deform.toml", "-o", out, "--watch", made / "images", "--idle", 0.5)
-    assert windmark(*again, "--resume", "--json").json["frames"] == FRAMES
+    again = ("deform", made / "deform.toml", "-o", out, "--watch", first_pictures, "--idle", 0.5)
+    assert windmark(*again, "--resume", "--json").json["frames"] == FEW
 
 
 def test_a_journal_makes_nothing_but_values():

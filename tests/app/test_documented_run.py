@@ -34,8 +34,8 @@ ELSEWHERE = {
     "windmark warmup": "compiles for minutes where nothing is compiled (test_warmup)",
 }  # fmt: skip
 """What cannot run here, and why; the test that sees to it."""
-DRAWN = {"README.md", "first-test.md"}
-"""Pages whose reports get their pictures; those of each verb are drawn in its own tests."""
+DRAWN = {"README.md"}
+"""The page whose reports get their pictures; those of each verb are drawn in its own tests."""
 HOME = "my-test"
 """What a block that names the tunnel's pictures without a folder goes on in; its first one is registered there."""
 REGISTERED = "windmark register wind-off.tif -m markers.csv -c camera.json -r 4 --unit mm"
@@ -46,13 +46,14 @@ SMALLER = {
     "windmark simulate my-polar --psp 2": "windmark simulate my-polar --psp 1",
     "windmark simulate my-board --board 6": "windmark simulate my-board --board 4",
     "windmark simulate my-run --infrared 40": "windmark simulate my-run --infrared 8",
-    "windmark simulate my-model --photos 12": "windmark simulate my-model --photos 8",
-    "windmark simulate my-photos --photos 24": "windmark simulate my-photos --photos 8",
-    "windmark simulate my-swing --deforming 24 --clocks": "windmark simulate my-swing --deforming 6 --clocks",
-    "windmark simulate my-wing --deforming 12": "windmark simulate my-wing --deforming 4",
-    "windmark simulate my-wing --deforming 8": "windmark simulate my-wing --deforming 4",
-    "windmark simulate my-film --sequence 24": "windmark simulate my-film --sequence 4",
-    "windmark simulate my-rig --cameras 4": "windmark simulate my-rig --cameras 3",
+    "windmark simulate my-model --photos 12": "windmark simulate my-model --photos 5",
+    "windmark simulate my-photos --photos 24": "windmark simulate my-photos --photos 5",
+    "windmark simulate my-swing --deforming 24 --clocks": "windmark simulate my-swing --deforming 3 --clocks",
+    "windmark simulate my-wing --deforming 12": "windmark simulate my-wing --deforming 3",
+    "windmark simulate my-wing --deforming 8": "windmark simulate my-wing --deforming 3",
+    "windmark simulate my-wing --deforming 4": "windmark simulate my-wing --deforming 3",
+    "windmark simulate my-film --sequence 24": "windmark simulate my-film --sequence 3",
+    "windmark simulate my-rig --cameras 4": "windmark simulate my-rig --cameras 2",
     "windmark study -o marker-study": "windmark study -o marker-study --steps 3 --markers 36",
     "windmark study -r 3 --noise-percent 10 -o noisy-markers":
         "windmark study -r 3 --noise-percent 10 -o noisy-markers --steps 3 --markers 36",

@@ -33,8 +33,13 @@ ELSEWHERE = {
     "windmark view project.toml": "serves until it is stopped (test_view_job)",
     "windmark warmup": "compiles for minutes where nothing is compiled (test_warmup)",
 }
-SMALLER = {"windmark simulate my-board --board 8": "windmark simulate my-board --board 4"}
-"""The same with fewer pictures, for time."""
+SMALLER = {
+    "windmark simulate my-board --board 8": "windmark simulate my-board --board 4",
+    "windmark simulate my-rig --cameras 3": "windmark simulate my-rig --cameras 2",
+    "windmark study --radius 3 --radius 5 --noise-percent 10 --output noisy-markers":
+        "windmark study --radius 3 --radius 5 --noise-percent 10 --output noisy-markers --steps 3 --markers 36",
+}  # fmt: skip
+"""The same with fewer pictures, cameras, markers, for time."""
 MAY_BE_1 = {"windmark doctor --json"}
 """Exit code 1 tells of the machine, not of the command."""
 DESKS = {
@@ -122,9 +127,9 @@ def film(desk, _):
 
 MAKERS = {
     "tunnel": (("--seed", 7), tunnel),
-    "photos": (("--photos", 8), photos),
+    "photos": (("--photos", 5), photos),
     "wing": (("--deforming", 4, "--seed", 3), wing),
-    "film": (("--sequence", 4), film),
+    "film": (("--sequence", 3), film),
 }
 """What each kind of examples is simulated with, and what is made of that."""
 

@@ -8,6 +8,8 @@ import xarray
 
 from windmark import io
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 
 @pytest.fixture(scope="module")
 def warm(virtual_test, tmp_path_factory):
@@ -121,7 +123,6 @@ def test_what_is_said_of_values_is_checked(windmark, registered, warm, tmp_path)
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
 def test_a_file_that_says_its_quantity(windmark, registered, warm, tmp_path):
     image = io.read_image(warm / "wind-off.tif")
     kelvin = (image * 0.01 + 273.15).astype(np.float32)

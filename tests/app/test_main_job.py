@@ -94,6 +94,7 @@ def test_alignment_brings_the_moved_model_onto_the_reference(finished):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_same_input_same_result(finished, virtual_test, tmp_path, windmark):
     """A second run through the command line gives the same numbers."""
     folder, _ = virtual_test
@@ -136,6 +137,7 @@ def test_steps_alone_detect_register_resect(virtual_test, tmp_path, windmark):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_align_from_the_command_line(virtual_test, tmp_path, windmark):
     folder, test = virtual_test
     model = test.markers.with_role("model")

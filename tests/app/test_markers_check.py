@@ -75,11 +75,13 @@ def test_a_good_layout_is_said_to_be_good_and_everything_is_written(windmark, ta
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_regular_sheet_is_refused_with_a_layout_that_passes(windmark, table, tmp_path, monkeypatch):
-    monkeypatch.setattr(advice, "VERIFIED", 40)  # the whole of it: tests/tasks/test_marker_check.py
-    monkeypatch.setattr(advice, "TRIED", 20)
+    # The whole of it: tests/tasks/test_marker_check.py.
+    for name, value in (("VERIFIED", 24), ("TRIED", 10), ("RIVALS", 12), ("DRAWN", 64)):
+        monkeypatch.setattr(advice, name, value)
     out = tmp_path / "out"
-    done = windmark("markers", "check", table(irregular=False), "--unit", "mm", *FRONT, "-o", out, "--json")
+    done = windmark("markers", "check", table(irregular=False), "--unit", "mm", *FRONT[:-1], 24, "-o", out, "--json")
     assert done.code == 1
     assert "not identifiable: 0.0 % of" in done.err
     record = done.json
@@ -99,7 +101,7 @@ def test_a_regular_sheet_is_refused_with_a_layout_that_passes(windmark, table, t
     np.testing.assert_array_equal(proposed.xyz[:20][kept], given.xyz[kept])
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_options_reach_the_check(windmark, table, tmp_path):
     write_camera(tmp_path / "camera.json", Camera((800, 600), 1500.0))
     record = windmark(
@@ -115,6 +117,7 @@ def test_options_reach_the_check(windmark, table, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_a_grid_and_roles_of_a_whole_test(windmark, virtual_test, tmp_path):
     folder, _ = virtual_test
     done = windmark("markers", "check", folder / "markers.csv", "--unit", "mm", "-c", folder / "camera.json", "-g",

@@ -8,6 +8,8 @@ import pytest
 from windmark import io
 from windmark.geometry import Pose
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 
 @pytest.fixture
 def arguments(virtual_test):
@@ -36,7 +38,6 @@ def test_align_leaves_the_walls_out_unless_told(windmark, arguments, virtual_tes
     assert walls.json["images"][1]["registration"]["deformation"]["largest_px"] > 0.5
 
 
-@pytest.mark.slow
 def test_roles_and_time_of_register_and_run(windmark, arguments, virtual_test, tmp_path):
     folder, _ = virtual_test
     call = [*arguments("register", "wind-off.tif"), "-o", tmp_path / "out"]

@@ -135,6 +135,7 @@ def test_report_shows_it(merged):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_an_unregistered_camera_is_named_and_the_others_are_merged(rig, tmp_path, windmark):
     """And points of a polar have a folder each."""
     folder = changed(

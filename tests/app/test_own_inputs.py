@@ -8,6 +8,8 @@ import pytest
 from windmark import io
 from windmark.io.errors import reading
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 
 @pytest.fixture
 def pictures(tmp_path, sheet_image):
@@ -45,12 +47,11 @@ def test_what_an_earlier_run_wrote_is_written_over(windmark, pictures):
     assert len(io.read_detections(pictures / "spots.csv")["a.png"]) == 42
 
 
-def test_a_result_is_not_replaced_by_one_that_is_made_of_it(windmark, tmp_path):
+def test_a_result_is_not_replaced_by_one_that_is_made_of_it(windmark, tmp_path, simulated):
     """A synthetic test is a result as well: its pictures and its project are files of ours that a new one would take
     away.
     """
-    test = tmp_path / "test"
-    assert windmark("simulate", test, "--seed", 3).code == 0
+    test = shutil.copytree(simulated("--seed", 3), tmp_path / "test")
     before = {path: path.read_bytes() for path in test.rglob("*") if path.is_file()}
     job = ("-c", test / "camera.json", "-m", test / "markers.csv", "-r", 4, "--unit", "mm")
     done = windmark("register", test / "wind-off.tif", *job, "-o", test)
@@ -63,11 +64,10 @@ def test_a_result_is_not_replaced_by_one_that_is_made_of_it(windmark, tmp_path):
     assert {path: path.read_bytes() for path in test.rglob("*") if path.is_file()} == before
 
 
-def test_a_result_of_another_verb_is_kept(windmark, tmp_path):
+def test_a_result_of_another_verb_is_kept(windmark, tmp_path, simulated):
     """The pictures of a synthetic test stand in its manifest as results: another job in their place took them away."""
-    first, test = tmp_path / "first", tmp_path / "test"
-    assert windmark("simulate", first, "--seed", 3).code == 0
-    assert windmark("simulate", test, "--board", 3).code == 0
+    first = simulated("--seed", 3)
+    test = shutil.copytree(first, tmp_path / "test")
     before = {p.relative_to(test): p.read_bytes() for p in test.rglob("*") if p.is_file()}
     job = ("-c", first / "camera.json", "-m", first / "markers.csv", "-r", 4, "--unit", "mm", "-o", test)
     done = windmark("register", first / "wind-off.tif", *job)

@@ -1,5 +1,6 @@
 """`windmark psp --scheduler`: the same bytes as here, a worker that is killed, a run that is stopped and goes on."""
 
+import contextlib
 import csv
 import json
 import os
@@ -12,10 +13,11 @@ import time
 import pytest
 
 from windmark.pipeline.resume import measured
-from windmark.pipeline.simulate_psp import simulate_psp
+from windmark.pipeline.simulate_taps import tap_table
+from windmark.synth import psp_test
 
 # A scheduler and workers in processes of their own.
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("undrawn")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("all_undrawn")]
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed (pip install windmark[cluster])")
 
@@ -23,16 +25,13 @@ START_S = 90
 
 
 @pytest.fixture(scope="module")
-def polar(few_flats, tmp_path_factory):
-    """Three points of the pictures of one, seen by one camera, and one whose reference is missing."""
+def polar(one_camera, tmp_path_factory):
+    """Three points of the pictures of one, one of each kind by one camera, and one point whose reference is missing."""
     folder = tmp_path_factory.mktemp("cluster") / "test"
     folder.mkdir()
-    simulate_psp(folder, 12, 1, (640, 400))
-    few_flats(folder)
-    project = folder / "psp.toml"
-    two = '[[camera]]\nname = "cam2"\nfile = "cam2.json"\n'
-    assert two in project.read_text()
-    project.write_text(project.read_text().replace(two, ""))  # what travels and what is killed is the same
+    # What travels and what is killed is the same for more pictures.
+    one_camera(folder, psp_test(12, incidences=1, size_px=(640, 400), nodes=5_000, taps=tap_table(), on_frames=1,
+                                off_frames=1))  # fmt: skip
     with open(folder / "points.csv", newline="") as stream:
         (row,) = csv.DictReader(stream)
     rows = [{**row, "point": f"p{k}"} for k in range(3)] + [{**row, "point": "bad", "off": "none-{camera}.tif"}]
@@ -77,19 +76,31 @@ class Cluster:
         return subprocess.Popen([*command, "--host", "127.0.0.1", *more], cwd=self.place, env=as_a_user,
                                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
 
-    def close(self):
-        for process in (*self.workers, self.scheduler):
+    def dismiss(self):
+        """No worker any more."""
+        for process in self.workers:
             process.kill()
             process.wait()
+        self.workers.clear()
+
+    def close(self):
+        self.dismiss()
+        self.scheduler.kill()
+        self.scheduler.wait()
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory):
+    made = Cluster(tmp_path_factory.mktemp("scheduler"))
+    yield made
+    made.close()
 
 
 @pytest.fixture
-def cluster(tmp_path):
-    place = tmp_path / "cluster"
-    place.mkdir()
-    made = Cluster(place)
-    yield made
-    made.close()
+def cluster(scheduler):
+    """The module's scheduler, as it was before the first worker."""
+    yield scheduler
+    scheduler.dismiss()
 
 
 def results(folder):
@@ -103,6 +114,24 @@ def kept(out):
     return max(measured(folder) for folder in (out, out.with_name(f".windmark-{out.name}") / "new"))
 
 
+@contextlib.contextmanager
+def killed_after_two(worker, out):
+    """Meanwhile the worker is killed, as soon as two points are kept."""
+
+    def kill():
+        end = time.monotonic() + START_S
+        while kept(out) < 2 and time.monotonic() < end:
+            time.sleep(0.01)
+        worker.kill()
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        yield
+    finally:
+        killer.join()
+
+
 @pytest.fixture(scope="module")
 def whole(windmark, polar, tmp_path_factory):
     out = tmp_path_factory.mktemp("whole") / "out"
@@ -114,40 +143,24 @@ def whole(windmark, polar, tmp_path_factory):
 def test_two_workers_one_of_them_killed_give_the_same_bytes(windmark, polar, cluster, whole, tmp_path):
     out = tmp_path / "out"
     first, _ = cluster.worker(), cluster.worker()
-
-    def kill():
-        end = time.monotonic() + START_S
-        while kept(out) < 2 and time.monotonic() < end:
-            time.sleep(0.01)
-        first.kill()
-
-    killer = threading.Thread(target=kill)
-    killer.start()
-    done = windmark("psp", polar / "psp.toml", "-o", out, "--scheduler", cluster.address, "--json")
-    killer.join()
+    with killed_after_two(first, out):
+        done = windmark("psp", polar / "psp.toml", "-o", out, "--scheduler", cluster.address, "--json")
     assert done.code == 0, done.err
     assert first.poll() is not None
     assert (done.json["reduced"], done.json["failed"]) == (3, 1)
     assert results(out) == whole
     inputs = (out / "manifest.json").read_text()
-    assert "on-cam1-1.tif" in inputs  # pictures that only workers reduced are inputs of the result
+    assert "on-cam1-0.tif" in inputs  # pictures that only workers reduced are inputs of the result
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_run_on_the_cluster_that_was_stopped_goes_on_anywhere(windmark, polar, cluster, whole, tmp_path):
     out = tmp_path / "out"
-    worker = cluster.worker()
-    command = [sys.executable, "-m", "windmark.app.cli", "psp", polar / "psp.toml", "-o", out]
-    run = subprocess.Popen([*command, "--scheduler", cluster.address], stdout=subprocess.DEVNULL,
-                           stderr=subprocess.PIPE, text=True)  # fmt: skip
-    end = time.monotonic() + 2 * START_S
-    while kept(out) < 2 and time.monotonic() < end and run.poll() is None:
-        time.sleep(0.01)
-    worker.kill()  # the only one: the run ends by itself, with what there is
-    said = run.communicate(timeout=START_S)[1]
-    assert run.returncode == 2
-    assert "has no worker left" in said
-    assert "points are kept: --resume goes on" in said
+    with killed_after_two(cluster.worker(), out):  # the only one: the run ends by itself, with what there is
+        ended = windmark("psp", polar / "psp.toml", "-o", out, "--scheduler", cluster.address)
+    assert ended.code == 2
+    assert "has no worker left" in ended.err
+    assert "points are kept: --resume goes on" in ended.err
     before = kept(out)
     assert before >= 2
     again = windmark("psp", polar / "psp.toml", "-o", out, "--resume", "--threads", 2, "--json")

@@ -7,7 +7,6 @@ import pytest
 
 from windmark import io
 from windmark.paint import add_self_illumination, form_factors
-from windmark.pipeline.simulate_psp import write_psp_test
 from windmark.pipeline.simulate_taps import tap_table
 from windmark.pipeline.walls import without
 from windmark.synth import PspTest, psp_test
@@ -47,10 +46,10 @@ class SelfLit(PspTest):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_light_that_the_model_throws_on_itself_is_taken_off_and_said(windmark, tmp_path):
+def test_light_that_the_model_throws_on_itself_is_taken_off_and_said(windmark, tmp_path, one_camera):
     plain = psp_test(41, incidences=2, size_px=(640, 400), taps=tap_table(), nodes=5000, on_frames=2, off_frames=2)
     test = SelfLit(**{name: getattr(plain, name) for name in plain.__dataclass_fields__} | {"points": plain.points[1:]})
-    write_psp_test(tmp_path, test)
+    one_camera(tmp_path, test)
     text = (tmp_path / "psp.toml").read_text().replace("radius = 0.4", 'radius = 0.4\nin_situ = "compare"')
     fields, records = {}, {}
     for name, more in (("left", ""), ("off", f"[self_illumination]\nreflectivity = {REFLECTIVITY}\n\n")):

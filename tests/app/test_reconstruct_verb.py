@@ -136,7 +136,7 @@ def test_the_report_has_pictures_and_words(done):
     assert "http" not in re.sub(PACKED, "", page)
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_labels_and_a_free_focal_length(windmark, folder, wall, tmp_path):
     seen = {int(m): wall.detections[2].xy[s] for s, m in enumerate(wall.labels[2])}
     known = [k for k, m in enumerate(wall.primary) if int(m) in seen][:4]
@@ -156,7 +156,7 @@ def test_labels_and_a_free_focal_length(windmark, folder, wall, tmp_path):
     assert not (tmp_path / "out" / "pair.png").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_poses_of_an_earlier_result_are_a_beginning(windmark, folder, done, wall, tmp_path):
     """Three primaries in a folder of poses, no labels: the poses say where they are."""
     io.write_markers(tmp_path / "three.csv", io.read_markers(folder / "primary.csv").take(np.arange(3)))
@@ -170,6 +170,7 @@ def test_poses_of_an_earlier_result_are_a_beginning(windmark, folder, done, wall
     assert all(np.linalg.norm(place[NAMES[k]] - wall.xyz[wall.primary[k]]) < 0.2 for k in range(3))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_data_say_no(windmark, folder, tmp_path):
     two = io.read_markers(folder / "primary.csv").take(np.arange(2))
     io.write_markers(tmp_path / "two.csv", two)

@@ -11,6 +11,8 @@ from windmark import io, synth
 from windmark.app.calibrate_options import expanded
 from windmark.pipeline.calibrate.read import picture_names
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 FRAMES = 5
 TIMES = np.array([0, 1, 2, 4, 5]) * 1e-3
 """One frame was dropped."""

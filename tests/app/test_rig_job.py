@@ -12,6 +12,8 @@ from test_packing import page_text
 from windmark import io
 from windmark.pipeline.simulate_cameras import simulate_cameras
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 CAMERAS = ("cam1", "cam2", "cam3")
 
 

@@ -6,6 +6,8 @@ from scipy.ndimage import gaussian_filter
 
 from windmark import io
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 
 @pytest.fixture
 def place(tmp_path, sheet_image):

@@ -8,6 +8,8 @@ from windmark.app.verify_verb import _within, compared
 from windmark.pipeline.repeat import Difference
 from windmark.pipeline.verdict import DOUBTFUL
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 REGISTER = ("register", "wind-off.tif", "-m", "markers.csv", "-c", "camera.json", "-r", 4, "--unit", "mm", "-o", "out")
 
 

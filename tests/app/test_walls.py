@@ -9,6 +9,8 @@ import pytest
 from windmark import io
 from windmark.geometry import Camera, Pose
 
+pytestmark = pytest.mark.usefixtures("all_undrawn")
+
 
 @pytest.fixture(scope="module")
 def aligned(virtual_test, windmark, tmp_path_factory):
