@@ -10,7 +10,6 @@ from windmark.epipolar._kernels.grow import REPEATS
 from windmark.epipolar.search import all_pairs, candidates, first_pairs, grown
 from windmark.epipolar.views import ideal_spots, raster, stations
 
-
 KINDS = {"params": [("plate", "walk", 0.02), ("model", "cloud", 0.2)], "ids": ["plate", "model"]}
 
 

@@ -7,8 +7,9 @@ import subprocess
 import sys
 
 import pytest
+from children import ended
 
-from windmark.io import FileError, atomic_folder, atomic_path, result_folder, try_paths
+from windmark.io import FileError, atomic_folder, atomic_path, exchange, result_folder, try_paths
 from windmark.io import making as making_module
 from windmark.io.making import is_making, left_behind
 
@@ -127,29 +128,30 @@ def test_names_without_and_with_odd_extensions(tmp_path):
     assert names(tmp_path) == sorted(["README", "a.lock", "b.tar.gz", ".hidden"])
 
 
-@pytest.mark.slow
 def test_a_folder_of_files_that_was_killed_is_finished_by_the_next_one(tmp_path):
     """Killed between two moves: half of the new files were there, and no list said what was missing."""
-    code = (
-        "import os, signal, sys\nimport windmark.io.exchange as module\nfrom windmark.io import atomic_folder\n"
-        "real, calls = module.replace_file, []\n"
-        "def replace(source, place):\n"
-        "    calls.append(place)\n"
-        "    if len(calls) == int(sys.argv[2]):\n"
-        "        os.kill(os.getpid(), signal.SIGKILL)\n"
-        "    real(source, place)\n"
-        "module.replace_file = replace\n"
-        "with atomic_folder(sys.argv[1]) as place:\n"
-        "    for name in 'abc':\n"
-        "        (place / name).write_text('2')\n"
-    )
+
+    def run(target, at):
+        real, calls = exchange.replace_file, []
+
+        def replace(source, place):
+            calls.append(place)
+            if len(calls) == at:
+                os.kill(os.getpid(), signal.SIGKILL)
+            real(source, place)
+
+        exchange.replace_file = replace
+        with atomic_folder(target) as place:
+            for name in "abc":
+                (place / name).write_text("2")
+
     old, new = {"a": "1", "b": "1", "z": "1"}, {"a": "2", "b": "2", "c": "2", "z": "1"}
     for at in range(1, 7):  # what is to be done noted, two away, three in their place
         out = tmp_path / str(at)
         out.mkdir()
         for name in "abz":
             (out / name).write_text("1")
-        assert subprocess.run([sys.executable, "-c", code, str(out), str(at)], check=False).returncode < 0
+        assert ended(lambda out=out, at=at: run(out, at)) == -signal.SIGKILL
         with pytest.raises(RuntimeError), atomic_folder(out):
             raise RuntimeError
         assert {p.name: p.read_text() for p in out.iterdir()} == (old if at == 1 else new)
