@@ -1,5 +1,7 @@
 """One colour of a mosaic: only the pixels that were measured count, whichever way the picture came."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from windmark.detection.template.refine import make_scene, refine_template
 CHANNELS = ("red", "green", "blue")
 
 
+@cache
 def board(radius, seed, blur=0.8, across=7):
     """Discs seen at an angle, (H, W), and their centres (N, 2)."""
     rng = np.random.default_rng(seed)
