@@ -5,8 +5,6 @@ from collections import Counter
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 import windmark
 from windmark.geometry._jit import kernel_sources
 
@@ -53,7 +51,6 @@ def test_kernels_call_few_functions_of_numpy_that_take_long_to_compile():
     assert not new, f"write a helper, or change the table with a measurement: {new}"
 
 
-@pytest.mark.slow
 def test_all_kernels_are_linked_once_and_kept():
     """Numba's own decorator would optimise and emit them with each caller, and would not see that sources changed."""
     own = {"geometry/_jit.py", "geometry/_link.py"}

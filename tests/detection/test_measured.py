@@ -63,7 +63,6 @@ def test_sigmas_of_one_channel(channel):
     assert_honest(5.0, channel, 2)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("channel", CHANNELS)
 @pytest.mark.parametrize("radius", [3.0, 5.0, 8.0])
 def test_sigmas_of_every_channel(radius, channel):

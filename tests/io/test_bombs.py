@@ -30,7 +30,6 @@ def test_repeat_counts_are_no_surface(tmp_path, name, text):
         io.read_mesh(tmp_path / name)
 
 
-@pytest.mark.slow
 def test_repeat_counts_of_real_grids_are_read(tmp_path):
     """A flat grid: z and IBLANK are one word each."""
     x, y = np.meshgrid(np.arange(350.0), np.arange(450.0))

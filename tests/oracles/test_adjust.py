@@ -137,7 +137,6 @@ def test_covariance_of_pose_and_focal_length_is_what_runs_scatter():
     assert np.mean(sigma0**2) == pytest.approx(1, abs=4 * np.sqrt(2 / 23 / runs))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["huber", "tukey"])
 def test_covariance_with_a_robust_loss_on_good_data(loss):
     z, d2, sigma0 = monte_carlo(150, seed=12, free=(), loss=loss, n=30)

@@ -123,7 +123,6 @@ def cell(rng, sigma=0.003, p_levels=8, t_levels=5):
     return p, t, paint().ratio(p, t) + rng.normal(0, sigma, p.size)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stated", [True, False])
 def test_cell_fit_finds_the_order_and_its_sigma_covers(stated):
     law, z, orders = paint(), [], []

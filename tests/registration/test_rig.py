@@ -101,7 +101,6 @@ def test_fields_describe_the_result():
     assert wm.register_rig is register_rig
 
 
-@pytest.mark.slow
 def test_covariance_is_the_scatter_of_the_poses():
     """Mean of the squared distance over its six degrees of freedom, 25 rigs: 1 within three sigma of the mean."""
     squares = []

@@ -62,7 +62,6 @@ def test_values_lie_on_the_surface_where_it_is_and_nothing_at_its_rim():
     assert (seen.weight[on] > 0).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("values", ["nearest", "linear", "cubic", "footprint"])
 def test_the_variance_is_that_of_the_noise(values):
     rng, how = np.random.default_rng(4), Sampling(values=values)
@@ -190,7 +189,6 @@ def test_a_flicker_known_beforehand_counts_unless_pictures_contradict_it():
         np.testing.assert_allclose(lamps_of(got), factor * counts * np.sqrt(2 / 3), rtol=0.1)
 
 
-@pytest.mark.slow
 def test_what_all_pictures_of_a_camera_err_by_stays_in_their_mean():
     """Dark and flat are the same pixels' error in each of five pictures."""
     rng, mesh, z = np.random.default_rng(9), plate(), []

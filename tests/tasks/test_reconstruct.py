@@ -247,7 +247,6 @@ def refused(case, primary, **more):
     return answer
 
 
-@pytest.mark.slow
 def test_failures_say_why():
     case = scenes.make(15, "plate", views=4, points=40)
     assert refused(case, primaries(case, count=2)).cause == "few_primaries"
