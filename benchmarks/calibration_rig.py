@@ -30,10 +30,10 @@ CASES = {"gross errors left out": (), "all marks": ("--no-reject",), "grid held,
     "--no-reject", "--datum", "fixed", "--max-sigma0", "50")}  # fmt: skip
 
 
-def smaller(work: Path, block: int) -> list[Path]:
-    """The pictures, so many pixels averaged to one along each side, 16 bits."""
+def smaller(work: Path, block: int, which: slice = slice(None)) -> list[Path]:
+    """The pictures (or ``which`` of the sorted ones), so many pixels averaged to one along each side, 16 bits."""
     paths = []
-    for path in sorted((FOLDER / "images").iterdir()):
+    for path in sorted((FOLDER / "images").iterdir())[which]:
         image = io.read_grey(path)
         height, width = (n // block * block for n in image.shape)
         small = image[:height, :width].reshape(height // block, block, width // block, block).mean(axis=(1, 3))

@@ -32,16 +32,11 @@ SIGMA_PX = 0.03
 PITCH_MM = 3.5
 
 
-def board_figures(work: Path, block: int, most: int | None = None) -> dict[str, float]:
-    """Every second pair calibrates; the others are measured. ``most``: so many pictures, None for all."""
-    paths = calibration_rig.smaller(work, block) if block > 1 else sorted((BOARD / "images").iterdir())
-    pictures = paths[:most]
-    even = [p for k in range(0, len(pictures), 4) for p in pictures[k : k + 2]]
-    odd = [p for p in pictures if p not in even]
-    for name, images in (("rig", even), ("marks", odd)):
-        calibration_rig.figures_of(images, block, (), work / name)
-    rig = io.read_json(work / "rig" / "rig.json")["cam_from_rig"]
-    cameras = {n: io.read_camera(work / "rig" / f"camera-{n}.json")[0] for n in rig}
+def board_figures(work: Path, block: int, calibrated: Path, pictures: list[Path]) -> dict[str, float]:
+    """Pairs of pictures, ``block`` times smaller than they were, measured by a rig that others have ``calibrated``."""
+    calibration_rig.figures_of(pictures, block, (), work / "marks")
+    rig = io.read_json(calibrated / "rig.json")["cam_from_rig"]
+    cameras = {n: io.read_camera(calibrated / f"camera-{n}.json")[0] for n in rig}
     views = [
         View(n, n, "", Pose(np.array(r["rotation"]), np.array(r["translation"]))) for n, r in rig.items()
     ]  # fmt: skip
@@ -112,7 +107,12 @@ def main(quick: bool = False) -> dict[str, float]:
         print("deformation_board: the real pictures are not here")
         return {}
     with tempfile.TemporaryDirectory() as place:
-        figures = board_figures(Path(place), 4 if quick else 1)
+        block = 4 if quick else 1
+        pictures = calibration_rig.smaller(Path(place), block) if quick else sorted((BOARD / "images").iterdir())
+        even = [p for k in range(0, len(pictures), 4) for p in pictures[k : k + 2]]
+        calibration_rig.figures_of(even, block, (), Path(place) / "rig")
+        others = [p for p in pictures if p not in even]
+        figures = board_figures(Path(place), block, Path(place) / "rig", others)
     print("DICe board: " + ", ".join(f"{k} {v:.3g}" for k, v in figures.items()), flush=True)
     return figures
 

@@ -57,8 +57,8 @@ class Wall:
     xyz: Array
 
 
-def wall(folder: Path = DATA / "opencsp-dotwall-5view") -> Wall:
-    """Detect, and look up the truth."""
+def wall(folder: Path = DATA / "opencsp-dotwall-5view", which: slice = slice(None)) -> Wall:
+    """Detect in the views (or ``which`` of them), and look up the truth."""
     given = json.loads((folder / "camera.json").read_text())
     k, (k1, k2, p1, p2) = np.array(given["K"]), given["dist_k1_k2_p1_p2"]
     camera = Camera(
@@ -69,7 +69,7 @@ def wall(folder: Path = DATA / "opencsp-dotwall-5view") -> Wall:
     xyz = 1e3 * table[:, 2:]
     corners = np.array([np.flatnonzero((table[:, :2] == c).all(axis=1))[0] for c in CORNERS])
     spots, labels, named = [], [], []
-    for view in json.loads((folder / "derived_view_poses.json").read_text())["views"]:
+    for view in json.loads((folder / "derived_view_poses.json").read_text())["views"][which]:
         pose = Pose.from_rotvec(np.array(view["rvec"]), 1e3 * np.array(view["tvec_m"]))
         spots.append(detect(read_grey(folder / "images" / view["image"]), radius_px=RADIUS_PX))
         place = camera.project(pose.apply(xyz))[0]

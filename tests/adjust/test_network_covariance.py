@@ -98,15 +98,14 @@ def test_held_coordinates_have_no_variance_and_the_others_all():
     assert (sigma[~held] > 0).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("away", ["points", "frames"])
 def test_scatter_of_many_solutions_is_the_covariance(away):
-    """Aligned to the truth (inner constraints over all points), 150 solutions; chi-square per point and interior."""
+    """Aligned to the truth (inner constraints over all points), 80 solutions; chi-square per point and interior."""
     case = networks.make(15, points=20, views=8, noise=0.1, eliminate=away)
     net, rng = case.network, np.random.default_rng(0)
     exact, _ = networks.project(case.truth, net.view_frame, net.view_offset, net.view_camera, net.view, net.point)
     at_points, at_lens = [], []
-    for _ in range(150):
+    for _ in range(80):
         noisy = replace(net, xy=exact + rng.normal(0, 0.1, exact.shape))
         problem = NetworkProblem(noisy, case.truth)
         values, system, _ = minimise(problem, case.truth)
@@ -116,8 +115,8 @@ def test_scatter_of_many_solutions_is_the_covariance(away):
         units = problem.units(values).camera[0][:8]
         change = (values.cameras[0].parameters() - case.truth.cameras[0].parameters())[:8] / units
         at_lens.append(change @ np.linalg.solve(cov.dense[:8, :8], change))
-    assert np.mean(at_points) == pytest.approx(3.0, rel=0.07)
-    assert np.mean(at_lens) == pytest.approx(8.0, rel=0.09)
+    assert np.mean(at_points) == pytest.approx(3.0, rel=0.1)
+    assert np.mean(at_lens) == pytest.approx(8.0, rel=0.12)
 
 
 def test_pictures_from_one_place_are_refused():

@@ -25,6 +25,7 @@ def test_both_engines_find_the_same_pose(scene):
     assert 100 < steps.evaluations < 3000
 
 
+@pytest.mark.slow
 def test_both_engines_find_the_same_focal_length():
     # A wide lens close to a deep model: the best case for one parameter at a time.
     rng = np.random.default_rng(0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import networks
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import beta, chi2, f
 
 from windmark.calibration import Calibration, Distance, Fixed, Free, NotCalibrated, Weighted, self_calibrate
 from windmark.calibration.setup import Job, first_state
@@ -302,24 +302,25 @@ def test_names_with_braces_are_names(case):
     assert "{x}" in str(doubt.renamed({"m00": "{x}"}))
 
 
-@pytest.mark.slow
+CHANCES = np.array([0.5, 0.01, 0.001])
+
+
 @pytest.mark.parametrize("redundancy", [3, 8, 400])
 def test_the_test_beside_the_other_residuals_is_chi_square_for_any_redundancy(redundancy):
-    """Parts of a sum of squares whose sigma0 is estimated from that sum: its probabilities stay what they are."""
-    rng = np.random.default_rng(4)
-    parts = rng.normal(0, 3.0, (200_000, redundancy)) ** 2
-    test, squares = parts[:, :2].sum(axis=1), parts.sum(axis=1)
-    values = [externally(np.array([t]), np.array([True]), s, redundancy)[0] for t, s in zip(test, squares, strict=True)]
-    for p in (0.5, 0.01, 0.001):
-        assert (np.array(values) > chi2.isf(p, 2)).mean() == pytest.approx(p, rel=0.2)
+    """Two of r squares of one sigma, which is estimated from their sum: their share of it is a beta variable, and what
+    is exceeded by chance stays so.
+    """
+    squares = 9.0 * redundancy
+    share = beta.isf(CHANCES, 1, (redundancy - 2) / 2)
+    values = externally(share * squares, np.full(3, True), squares, redundancy)
+    np.testing.assert_allclose(values, chi2.isf(CHANCES, 2), rtol=1e-6)
 
 
 def test_a_left_out_mark_is_tested_against_its_prediction():
-    rng = np.random.default_rng(5)
-    own, others = rng.normal(0, 2.0, (100_000, 2)) ** 2, rng.normal(0, 2.0, (100_000, 6)) ** 2
-    pairs = zip(own.sum(axis=1), others.sum(axis=1), strict=True)
-    values = np.array([externally(np.array([t]), np.array([False]), s, 6)[0] for t, s in pairs])
-    assert (values > chi2.isf(0.01, 2)).mean() == pytest.approx(0.01, rel=0.2)
+    """Two squares beside six others of the same sigma: an F variable."""
+    squares = 4.0 * 6
+    values = externally(f.isf(CHANCES, 2, 6) * 2 * squares / 6, np.full(3, False), squares, 6)
+    np.testing.assert_allclose(values, chi2.isf(CHANCES, 2), rtol=1e-6)
     assert critical(1000) == pytest.approx(chi2.isf(0.05 / 1000, 2))
 
 

@@ -30,7 +30,7 @@ TRUE = {
     "rational": Camera(SIZE, 800.0, 1.0, 805.0, 590.0, 0.4, 0.05, k3=1e-3, k4=0.75, k5=0.2, k6=0.01, lens="rational"),
     "fisheye": Camera(SIZE, 570.0, 1.0, 805.0, 590.0, k1=-0.02, k2=3e-3, k3=-1e-3, k4=1e-4, lens="fisheye"),
 }
-VIEWS, NOISE = 14, 0.1
+VIEWS, NOISE = 9, 0.1
 
 
 def marks(camera, seed):

@@ -76,12 +76,11 @@ def test_halves_agree_within_their_sigma():
     assert half.comparison.difference.shape == (40, 3)
 
 
-@pytest.mark.slow
 def test_two_sets_of_pictures_agree_within_both_covariances():
     """The paper's cross-check in both datums: mean squared differences in units of the covariances are near one."""
     for held in (False, True):
         squares = []
-        for seed in range(62, 68):
+        for seed in range(62, 65):
             case = networks.make(seed, points=40, views=24)
             net, frames, start = case.network, case.truth.frames, case.start.points.copy()
             views = [View(f"v{v:02d}", "cam", "0", Pose(frames.rotation[v], frames.translation[v])) for v in range(24)]
@@ -98,17 +97,17 @@ def test_two_sets_of_pictures_agree_within_both_covariances():
             found = compare(*both)
             assert np.isnan(found.chi2).sum() == (4 if held else 0)
             squares.append(found.ratio**2)
-        assert 0.85 < np.mean(squares) < 1.18
+        assert 0.8 < np.mean(squares) < 1.25
 
 
 def test_a_lens_far_beyond_the_model_is_refused():
-    case = networks.make(60, points=40, views=14)
+    case = networks.make(60, points=24, views=8)
     net = case.network
     bent = net.xy + 8 * np.sin((net.xy - [752, 495])[:, ::-1] / 60)
-    markers = MarkerSet.make([f"m{i:02d}" for i in range(40)], case.start.points)
+    markers = MarkerSet.make([f"m{i:02d}" for i in range(24)], case.start.points)
     result = self_calibrate(
         Observations(net.view, net.point, bent, net.cov), markers, {"cam": Camera((1500, 1000), 1600.0)},
-        [View(f"v{v:02d}", "cam") for v in range(14)], datum=Free(),
+        [View(f"v{v:02d}", "cam") for v in range(8)], datum=Free(),
     )  # fmt: skip
     assert not result
     assert result.cause == "misfit"

@@ -1,5 +1,7 @@
 """One colour of a mosaic: only the pixels that were measured count, whichever way the picture came."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from windmark.detection.template.refine import make_scene, refine_template
 CHANNELS = ("red", "green", "blue")
 
 
+@cache
 def board(radius, seed, blur=0.8, across=7):
     """Discs seen at an angle, (H, W), and their centres (N, 2)."""
     rng = np.random.default_rng(seed)
@@ -60,7 +63,6 @@ def test_sigmas_of_one_channel(channel):
     assert_honest(5.0, channel, 2)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("channel", CHANNELS)
 @pytest.mark.parametrize("radius", [3.0, 5.0, 8.0])
 def test_sigmas_of_every_channel(radius, channel):

@@ -42,7 +42,7 @@ def test_map_is_that_of_single_pixels(r0):
     got, want = wd.merit_map(image, r0), np.full(image.shape, np.nan, np.float32)
     g = image - np.float32(1e4)
     g[100, 300] = np.nan
-    merit_pixels(g, np.argwhere(np.ones(g.shape, bool)), 0, r0, 0.8, want)
+    merit_pixels(g, np.argwhere(np.ones(g.shape, bool)).copy(), 0, r0, 0.8, want)
     np.testing.assert_array_equal(np.isnan(got), np.isnan(want))
     deep = want < 4
     np.testing.assert_allclose(got[deep], want[deep], rtol=1e-3)

@@ -54,7 +54,7 @@ def test_centres_of_crossed_markers_are_as_good_as_their_covariance(photometry):
     """Weights alone leave 0.1 to 0.2 px; all of them are flagged, and the covariance says how good they are."""
     error, z, plain_error = [], [], []
     polarity = "dark" if photometry == "multiplicative" else "bright"
-    for seed in range(5):
+    for seed in range(3):
         image, xy = crossed(seed, lines=8, photometry=photometry)
         options = {"photometry": photometry, "polarity": polarity}
         fits, plain = (refine_template(image, xy[::-1], 3.2, robust=r, **options) for r in (True, False))
@@ -81,14 +81,14 @@ def test_markers_without_line_are_left_alone():
 def test_what_is_not_fitted_as_a_line_is_not_trusted():
     """A blot on the rim pulls the centre as a whole: least squares' covariance makes it 2 to 4 sigma."""
     z = []
-    for seed in range(30, 36):
+    for seed in range(30, 34):
         image, xy = crossed(seed, lines=8, kind="blot", radius=5.0)
         fits = refine_template(image, xy[::-1], 4.6)
         blotted = ((fits.flags & CONTAMINATED > 0) & ~fits.crossed)[::-1]
         assert blotted[8:].mean() < 0.1
         e = (fits.xy[::-1] - xy)[:8][blotted[:8]]
         z += (e / np.sqrt(fits.cov[::-1][:8][blotted[:8]][:, [0, 1], [0, 1]])).ravel().tolist()
-    assert len(z) > 30
+    assert len(z) > 20
     assert 0.1 < np.sqrt(np.mean(np.square(z))) < 1.2
 
 
@@ -106,7 +106,7 @@ def test_the_larger_of_two_covariances_is_so_in_every_direction():
 def test_the_centre_of_a_disc_half_in_shadow_is_as_good_as_its_covariance():
     """Least squares takes the shadow for a slope of the light: 0.1 to 1 px off."""
     error, z, plain_error = [], [], []
-    for seed in range(50, 54):
+    for seed in range(50, 53):
         image, xy = crossed(seed, lines=8, kind="shadow", radius=4.5)
         fits, plain = (refine_template(image, xy[::-1], 4.2, robust=r) for r in (True, False))
         found = fits.crossed[::-1][:8]

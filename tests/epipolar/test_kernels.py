@@ -10,11 +10,22 @@ from windmark.epipolar._kernels.grow import REPEATS
 from windmark.epipolar.search import all_pairs, candidates, first_pairs, grown
 from windmark.epipolar.views import ideal_spots, raster, stations
 
+KINDS = {"params": [("plate", "walk", 0.02), ("model", "cloud", 0.2)], "ids": ["plate", "model"]}
 
-@pytest.fixture(scope="module", params=[("plate", "walk", 0.02), ("model", "cloud", 0.2)], ids=["plate", "model"])
+
+@pytest.fixture(scope="module", **KINDS)
 def scene(request):
-    model, path, angle = request.param
-    case = scenes.make(41, model, path, views=5, points=25, false=0.3)
+    return made(*request.param, 25)
+
+
+@pytest.fixture(scope="module", **KINDS)
+def small(request):
+    """For twins that look at every pair of spots."""
+    return made(*request.param, 16)
+
+
+def made(model, path, angle, points):
+    case = scenes.make(41, model, path, views=5, points=points, false=0.3)
     poses, cov = case.perturbed(3, angle, 10 * angle)
     cameras = [case.camera] * 5
     xy, noise = ideal_spots(case.detections, cameras)
@@ -25,8 +36,8 @@ def scene(request):
 
 
 @pytest.mark.slow
-def test_pairs(scene):
-    stand, spots, free, depth = scene
+def test_pairs(small):
+    stand, spots, free, depth = small
     found, gain = candidates(stand, spots, free, all_pairs(5), 3.7, depth)
     expected = epipolar_twins.pairs(stand, spots, free, 3.7, depth)
     assert {(int(a), int(b)) for a, b in found} == set(expected)

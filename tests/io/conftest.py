@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 
 import pytest
 from small_meshes import blocks_mesh, shell_mesh
@@ -27,6 +28,14 @@ def blocks() -> Mesh:
 @pytest.fixture
 def shell() -> Mesh:
     return shell_mesh()
+
+
+@pytest.fixture(scope="module")
+def one_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """For files of many examples, each in the place of the one before: for a folder of its own for each of them pytest
+    would look through the names of all that it has made.
+    """
+    return tmp_path_factory.mktemp("examples")
 
 
 @contextmanager

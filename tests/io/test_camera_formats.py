@@ -35,8 +35,8 @@ cameras = st.builds(
 
 @pytest.mark.parametrize("name", FORWARD)
 @given(camera=cameras)
-def test_forward_formats_give_the_camera_back_to_rounding(tmp_path_factory, name, camera):
-    path = tmp_path_factory.mktemp("c") / name
+def test_forward_formats_give_the_camera_back_to_rounding(one_folder, name, camera):
+    path = one_folder / name
     write_camera(path, camera, format=FORWARD[name])
     again = read_camera_file(path)
     assert again.camera.size_px == camera.size_px

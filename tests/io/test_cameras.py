@@ -45,8 +45,8 @@ def same_camera(a, b):
 
 
 @given(camera=cameras, pose=poses, unit=st.sampled_from(["in", "ft", "mm", "cm", "m"]))
-def test_own_format_gives_back_every_bit(tmp_path_factory, camera, pose, unit):
-    path = tmp_path_factory.mktemp("c") / "c.json"
+def test_own_format_gives_back_every_bit(one_folder, camera, pose, unit):
+    path = one_folder / "c.json"
     write_camera(path, camera, pose, unit=unit)
     again = read_camera_file(path)
     same_camera(again.camera, camera)
@@ -89,8 +89,8 @@ def test_covariance_and_no_pose(tmp_path):
 
 
 @given(camera=cameras, pose=poses)
-def test_opencv_yaml_round_trip(tmp_path_factory, camera, pose):
-    path = tmp_path_factory.mktemp("c") / "c.yml"
+def test_opencv_yaml_round_trip(one_folder, camera, pose):
+    path = one_folder / "c.yml"
     write_camera(path, camera, pose, unit="mm")
     again = read_camera_file(path)
     assert again.camera.size_px == camera.size_px
@@ -537,8 +537,8 @@ def test_nasa_size_from_the_caller(tmp_path):
         st.text(), st.builds(lambda a, b: PLAIN_YAML[:a] + b + PLAIN_YAML[a:], st.integers(0, 120), st.text())
     )
 )
-def test_any_text_gives_a_camera_or_a_file_error(tmp_path_factory, data):
-    path = tmp_path_factory.mktemp("c") / "c.yml"
+def test_any_text_gives_a_camera_or_a_file_error(one_folder, data):
+    path = one_folder / "c.yml"
     path.write_text(data, encoding="utf-8", errors="replace")
     try:
         camera, _ = read_camera(path)

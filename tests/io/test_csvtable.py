@@ -128,8 +128,8 @@ words = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=
 
 
 @given(rows=st.lists(st.tuples(words, st.floats(-LARGEST, LARGEST) | st.just(np.nan), st.integers(-(2**62), 2**62))))
-def test_round_trip_is_exact(tmp_path_factory, rows):
-    path = tmp_path_factory.mktemp("csv") / "t.csv"
+def test_round_trip_is_exact(one_folder, rows):
+    path = one_folder / "t.csv"
     names, floats, ints = ([row[k] for row in rows] for k in range(3))
     write_table(path, {"name": np.array(names, dtype=object), "x": np.array(floats), "y": np.array(ints, dtype=int)})
     t = read_table(path, required=COLUMNS, known=COLUMNS)
@@ -139,8 +139,8 @@ def test_round_trip_is_exact(tmp_path_factory, rows):
 
 
 @given(data=st.binary(max_size=200))
-def test_any_bytes_give_a_table_or_a_file_error(tmp_path_factory, data):
-    path = tmp_path_factory.mktemp("csv") / "t.csv"
+def test_any_bytes_give_a_table_or_a_file_error(one_folder, data):
+    path = one_folder / "t.csv"
     path.write_bytes(b"name,x,y\n" + data)
     try:
         numbers = read_table(path, required=COLUMNS, known=COLUMNS).numbers("x")

@@ -532,14 +532,14 @@ def test_cut_off_files_are_refused(tmp_path, whole_files, name, share):
 
 @settings(max_examples=60)
 @given(data=st.data())
-def test_damaged_bytes_give_an_image_or_a_file_error(tmp_path_factory, whole_files, data):
+def test_damaged_bytes_give_an_image_or_a_file_error(one_folder, whole_files, data):
     name = data.draw(st.sampled_from(sorted(whole_files)))
     content = bytearray(whole_files[name])
     head = data.draw(st.booleans())  # headers are where the harm is done
     last = min(len(content), 200) - 1 if head else len(content) - 1
     for _ in range(data.draw(st.integers(1, 3))):
         content[data.draw(st.integers(0, last))] = data.draw(st.integers(0, 255))
-    path = tmp_path_factory.mktemp("damaged") / name
+    path = one_folder / name
     path.write_bytes(content)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # decoders warn about odd tags

@@ -7,30 +7,38 @@ import subprocess
 import sys
 
 import pytest
+from children import ended
 
-from windmark.io import FileError, atomic_folder, atomic_path, result_folder, try_paths
+from windmark.io import FileError, atomic_folder, atomic_path, exchange, result_folder, try_paths
 from windmark.io import making as making_module
 from windmark.io.making import is_making, left_behind
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL")
 
 WRITES = """
-import os, signal, sys, time
+import sys, time
 from windmark.io import atomic_path
 with atomic_path(sys.argv[1]) as place:
     place.write_text("half")
     print(place.name, flush=True)
-    if len(sys.argv) > 2:
-        time.sleep(600)
-    os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(600)
 """
 
 
 def killed(target):
     """The hidden name of a file whose writer was killed."""
-    done = subprocess.run([sys.executable, "-c", WRITES, str(target)], check=False, capture_output=True, text=True)
-    assert done.returncode == -signal.SIGKILL
-    return done.stdout.strip()
+    told, tells = os.pipe()
+
+    def write():
+        with atomic_path(target) as place:
+            place.write_text("half")
+            os.write(tells, place.name.encode())
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    assert ended(write) == -signal.SIGKILL
+    os.close(tells)
+    with open(told, encoding="utf-8") as name:
+        return name.read()
 
 
 def names(folder):
@@ -101,7 +109,7 @@ def test_foreign_files_stay(tmp_path):
 def test_what_another_process_writes_just_now_is_left_alone(tmp_path):
     """Both write the same file; the last one wins, as ever."""
     target = tmp_path / "table.csv"
-    other = subprocess.Popen([sys.executable, "-c", WRITES, str(target), "wait"], stdout=subprocess.PIPE, text=True)
+    other = subprocess.Popen([sys.executable, "-c", WRITES, str(target)], stdout=subprocess.PIPE, text=True)
     try:
         name = other.stdout.readline().strip()
         assert left_behind(tmp_path) == []
@@ -117,7 +125,6 @@ def test_what_another_process_writes_just_now_is_left_alone(tmp_path):
     assert names(tmp_path) == ["table.csv"]
 
 
-@pytest.mark.slow
 def test_names_without_and_with_odd_extensions(tmp_path):
     for name in ("README", "a.lock", "b.tar.gz", ".hidden"):
         left = killed(tmp_path / name)
@@ -127,29 +134,30 @@ def test_names_without_and_with_odd_extensions(tmp_path):
     assert names(tmp_path) == sorted(["README", "a.lock", "b.tar.gz", ".hidden"])
 
 
-@pytest.mark.slow
 def test_a_folder_of_files_that_was_killed_is_finished_by_the_next_one(tmp_path):
     """Killed between two moves: half of the new files were there, and no list said what was missing."""
-    code = (
-        "import os, signal, sys\nimport windmark.io.exchange as module\nfrom windmark.io import atomic_folder\n"
-        "real, calls = module.replace_file, []\n"
-        "def replace(source, place):\n"
-        "    calls.append(place)\n"
-        "    if len(calls) == int(sys.argv[2]):\n"
-        "        os.kill(os.getpid(), signal.SIGKILL)\n"
-        "    real(source, place)\n"
-        "module.replace_file = replace\n"
-        "with atomic_folder(sys.argv[1]) as place:\n"
-        "    for name in 'abc':\n"
-        "        (place / name).write_text('2')\n"
-    )
+
+    def run(target, at):
+        real, calls = exchange.replace_file, []
+
+        def replace(source, place):
+            calls.append(place)
+            if len(calls) == at:
+                os.kill(os.getpid(), signal.SIGKILL)
+            real(source, place)
+
+        exchange.replace_file = replace
+        with atomic_folder(target) as place:
+            for name in "abc":
+                (place / name).write_text("2")
+
     old, new = {"a": "1", "b": "1", "z": "1"}, {"a": "2", "b": "2", "c": "2", "z": "1"}
     for at in range(1, 7):  # what is to be done noted, two away, three in their place
         out = tmp_path / str(at)
         out.mkdir()
         for name in "abz":
             (out / name).write_text("1")
-        assert subprocess.run([sys.executable, "-c", code, str(out), str(at)], check=False).returncode < 0
+        assert ended(lambda out=out, at=at: run(out, at)) == -signal.SIGKILL
         with pytest.raises(RuntimeError), atomic_folder(out):
             raise RuntimeError
         assert {p.name: p.read_text() for p in out.iterdir()} == (old if at == 1 else new)

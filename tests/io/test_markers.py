@@ -124,10 +124,9 @@ def marker_sets():
     return build()
 
 
-@pytest.mark.slow
 @given(markers=marker_sets())
-def test_round_trip_is_exact(tmp_path_factory, markers):
-    path = tmp_path_factory.mktemp("m") / "m.csv"
+def test_round_trip_is_exact(one_folder, markers):
+    path = one_folder / "m.csv"
     write_markers(path, markers)
     again = read_markers(path, roles=None)
     for field in ("name", "xyz", "sigma", "radius", "normal", "volume", "role"):

@@ -110,9 +110,9 @@ def surface_shapes(most=7):
     shapes=st.lists(surface_shapes(), min_size=1, max_size=4),
     layout=st.sampled_from([x for x in LAYOUTS if x.multi_block and not x.text]),
 )
-def test_any_surface_in_any_layout_comes_back(tmp_path_factory, make_mesh, shapes, layout):
+def test_any_surface_in_any_layout_comes_back(one_folder, make_mesh, shapes, layout):
     assume(shapes != [(1, 1, 1)])  # a file of one node says too little to tell its layout
-    path = tmp_path_factory.mktemp("any") / "grid.x"
+    path = one_folder / "grid.x"
     mesh = make_mesh(shapes, blanked=layout.iblank, single=layout.real_bytes == 4)
     write_plot3d(path, mesh, layout=layout)
     got = read_plot3d(path)

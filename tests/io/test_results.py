@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from children import ended
 
 from windmark.io import FileError, result_folder, staging
 from windmark.io import exchange as moves
@@ -179,26 +180,23 @@ def test_moves_that_fail_are_taken_back(tmp_path, monkeypatch):
     assert read(out) == {"a": "2", "b": "2", "d": "2", "notes.txt": "mine"}
 
 
-KILLED = """
-import os, signal, sys
-import windmark.io.exchange as module
-from windmark.io import result_folder
-from pathlib import Path
-target, at = Path(sys.argv[1]), int(sys.argv[2])
-real, calls = module.replace_file, []
-def replace(source, place):
-    calls.append(place)
-    if len(calls) == at:
-        os.kill(os.getpid(), signal.SIGKILL)
-    real(source, place)
-module.replace_file = replace
-with result_folder(target) as out:
-    for name in ("a", "b", "new/d"):
-        (out.place / name).parent.mkdir(exist_ok=True)
-        (out.place / name).write_text("2")
-    if at == 0:
-        os.kill(os.getpid(), signal.SIGKILL)
-"""
+def killed_at_move(target, at):
+    """A run that is killed before so many moves of files, with 0 before the first."""
+    real, calls = moves.replace_file, []
+
+    def replace(source, place):
+        calls.append(place)
+        if len(calls) == at:
+            os.kill(os.getpid(), signal.SIGKILL)
+        real(source, place)
+
+    moves.replace_file = replace
+    with result_folder(target) as out:
+        for name in ("a", "b", "new/d"):
+            (out.place / name).parent.mkdir(exist_ok=True)
+            (out.place / name).write_text("2")
+        if at == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL")
@@ -208,8 +206,7 @@ def test_a_kill_between_two_moves_is_made_good_by_the_next_run(tmp_path, at):
     fill(out, {"a": "1", "b": "1", "c": "1"})
     (out / "b").write_text("edited")
     (out / "notes.txt").write_text("mine")
-    done = subprocess.run([sys.executable, "-c", KILLED, str(out), str(at)], check=False)
-    assert done.returncode == (-signal.SIGKILL if at < 11 else 0)
+    assert ended(lambda: killed_at_move(out, at)) == (-signal.SIGKILL if at < 11 else 0)
     if at < 2:  # before the manifest was written
         assert read(out) == {"a": "1", "b": "edited", "c": "1", "notes.txt": "mine"}
         assert any((tmp_path / ".windmark-out" / "new").iterdir())
@@ -227,23 +224,21 @@ def test_a_kill_between_two_moves_is_made_good_by_the_next_run(tmp_path, at):
     assert not list(tmp_path.rglob(".windmark*"))
 
 
-SWAPPED = """
-import os, signal, sys
-import windmark.io.exchange as module
-from windmark.io import result_folder
-from pathlib import Path
-real = module._swapped
-def swapped(staging):
-    if sys.argv[2] == "before":
+def killed_at_exchange(target, at):
+    """A run that is killed before folders are exchanged in one step, or after it, where the older one is removed."""
+    real = moves._swapped
+
+    def swapped(staging):
+        if at == "before":
+            os.kill(os.getpid(), signal.SIGKILL)
+        assert real(staging)
+        (staging.new / "manifest.json").unlink(missing_ok=at == "new")  # its removal has begun
         os.kill(os.getpid(), signal.SIGKILL)
-    assert real(staging)
-    (staging.new / "manifest.json").unlink(missing_ok=sys.argv[2] == "new")  # its removal has begun
-    os.kill(os.getpid(), signal.SIGKILL)
-module._swapped = swapped
-with result_folder(Path(sys.argv[1])) as out:
-    for name in ("a", "b"):
-        (out.place / name).write_text("2")
-"""
+
+    moves._swapped = swapped
+    with result_folder(target) as out:
+        for name in ("a", "b"):
+            (out.place / name).write_text("2")
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="folders are exchanged in one step on Linux")
@@ -256,8 +251,8 @@ def test_a_kill_beside_the_exchange_in_one_step_loses_no_whole_result(tmp_path, 
     out, said = tmp_path / "out", []
     if older:
         fill(out, {"a": "1", "c": "1"})
-    words = [sys.executable, "-c", SWAPPED, str(out), at if older or at == "before" else "new"]
-    assert subprocess.run(words, check=False).returncode == -signal.SIGKILL
+    when = at if older or at == "before" else "new"
+    assert ended(lambda: killed_at_exchange(out, when)) == -signal.SIGKILL
     with contextlib.suppress(RuntimeError), result_folder(out, resume=resume, say=said.append) as made:
         assert not made.resumed
         assert not list(made.place.iterdir())
@@ -271,7 +266,7 @@ def test_a_kill_beside_the_exchange_in_one_step_loses_no_whole_result(tmp_path, 
 def test_a_whole_result_that_a_power_failure_cut_is_not_put_in_its_place(tmp_path):
     out, said = tmp_path / "out", []
     fill(out, {"a": "1"})
-    subprocess.run([sys.executable, "-c", SWAPPED, str(out), "before"], check=False)
+    assert ended(lambda: killed_at_exchange(out, "before")) == -signal.SIGKILL
     (tmp_path / ".windmark-out" / "new" / "b").write_bytes(b"")
     with pytest.raises(RuntimeError):
         fill(out, {"z": "3"}, then=lambda: throw(RuntimeError), say=said.append)

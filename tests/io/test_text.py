@@ -22,8 +22,8 @@ values = st.recursive(
 
 
 @given(value=values)
-def test_round_trip(tmp_path_factory, value):
-    path = tmp_path_factory.mktemp("json") / "v.json"
+def test_round_trip(one_folder, value):
+    path = one_folder / "v.json"
     write_json(path, {"value": value})
     assert read_json(path) == {"value": value}
 

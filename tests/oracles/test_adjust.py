@@ -128,18 +128,18 @@ def monte_carlo(runs, *, seed, free, loss="none", n=15, sigma=0.15):
 
 @pytest.mark.slow
 def test_covariance_of_pose_and_focal_length_is_what_runs_scatter():
-    z, d2, sigma0 = monte_carlo(1500, seed=11, free=("focal_px",))
-    assert ((z.std(axis=0) > 0.95) & (z.std(axis=0) < 1.05)).all(), z.std(axis=0)
-    assert (np.abs(z.mean(axis=0)) < 4 / np.sqrt(1500)).all(), z.mean(axis=0)
-    assert np.mean(d2) == pytest.approx(7, abs=4 * np.sqrt(2 * 7 / 1500))  # the correlations too, not sigmas alone
-    assert np.mean(d2 < 14.067) == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 1500))
-    assert np.mean(sigma0**2) == pytest.approx(1, abs=4 * np.sqrt(2 / 23 / 1500))
+    runs = 600
+    z, d2, sigma0 = monte_carlo(runs, seed=11, free=("focal_px",))
+    assert ((z.std(axis=0) > 0.92) & (z.std(axis=0) < 1.08)).all(), z.std(axis=0)
+    assert (np.abs(z.mean(axis=0)) < 4 / np.sqrt(runs)).all(), z.mean(axis=0)
+    assert np.mean(d2) == pytest.approx(7, abs=4 * np.sqrt(2 * 7 / runs))  # the correlations too, not sigmas alone
+    assert np.mean(d2 < 14.067) == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / runs))
+    assert np.mean(sigma0**2) == pytest.approx(1, abs=4 * np.sqrt(2 / 23 / runs))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["huber", "tukey"])
 def test_covariance_with_a_robust_loss_on_good_data(loss):
-    z, d2, sigma0 = monte_carlo(300, seed=12, free=(), loss=loss, n=30)
-    assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.06)
-    assert np.mean(d2) == pytest.approx(6, abs=4 * np.sqrt(2 * 6 / 300))
+    z, d2, sigma0 = monte_carlo(150, seed=12, free=(), loss=loss, n=30)
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1, abs=0.08)
+    assert np.mean(d2) == pytest.approx(6, abs=4 * np.sqrt(2 * 6 / 150))
     assert np.mean(sigma0) == pytest.approx(1, abs=0.03)

@@ -29,7 +29,7 @@ def case(seed, n=20, blocked=0, mode=500.0):
 @pytest.mark.parametrize("blocked", [0, 3, 7])
 def test_sigmas_cover_and_blocked_taps_are_named(blocked):
     z, wrong = [], 0
-    for seed in range(80):
+    for seed in range(40):
         names, p, x, at, true, bad = case(seed + 100 * blocked, blocked=blocked)
         fit = in_situ(names, p, x, pressure_sigma=100.0)
         assert fit
@@ -37,8 +37,8 @@ def test_sigmas_cover_and_blocked_taps_are_named(blocked):
         wrong += bool(set(fit.blocked) - bad)
         got = fit.applied(at)
         z.append((got.value - true) / got.sigma)
-    assert 0.90 < np.mean(np.abs(z) < 1.96) < 0.985
-    assert wrong <= 12
+    assert 0.89 < np.mean(np.abs(z) < 1.96) < 0.99
+    assert wrong <= 7
 
 
 def test_taps_take_up_a_temperature_error_that_all_share():
@@ -81,7 +81,7 @@ def test_sigmas_that_are_stated_too_small_do_not_make_the_result_too_sure(n):
     """Readings that scatter five times as stated: few taps tell the scatter badly, and none of them is blocked."""
     hold, left = [], 0
     nodes = np.linspace(4.5e4, 8.5e4, 5)
-    for seed in range(150):
+    for seed in range(60):
         rng = np.random.default_rng(500 + seed)
         true = rng.uniform(4e4, 9e4, n)
         fit = in_situ([str(k) for k in range(n)], true + rng.normal(0, 500, n), NodeField.make(true, 50.0),
@@ -89,8 +89,8 @@ def test_sigmas_that_are_stated_too_small_do_not_make_the_result_too_sure(n):
         left += n - fit.used.sum()
         got = fit.applied(NodeField.make(nodes, 50.0))
         hold.append(np.abs(got.value - nodes) < 1.96 * np.sqrt(got.variance - got.white))
-    assert 0.89 < np.mean(hold) < 0.98
-    assert left < 15
+    assert 0.88 < np.mean(hold) < 0.985
+    assert left < 7
 
 
 def test_a_curved_paint_needs_a_polynomial():

@@ -281,7 +281,7 @@ def test_references_between_incidences_and_of_the_run():
 
 @pytest.mark.slow
 def test_what_dark_and_flat_err_by_is_not_less_in_a_mean():
-    """Two hundred pictures with one dark and one flat picture: what is left is those two's own errors."""
+    """Eighty pictures with one dark and one flat picture: what is left is those two's own errors."""
     rng = np.random.default_rng(8)
     flat = 1 + 0.05 * rng.standard_normal(scene().shape)
     z = []
@@ -290,9 +290,9 @@ def test_what_dark_and_flat_err_by_is_not_less_in_a_mean():
         plain = SensorModel(dark, 4000, GAIN, READ + 1 / 12, dark_var)
         f, f_var, _ = mean_flat([shot(rng, np.full(scene().shape, 2000.0), flat=flat) for _ in range(2)], plain)
         sensor = SensorModel(dark, 4000, GAIN, READ + 1 / 12, dark_var, f, f_var)
-        got = [correct_picture(shot(rng, flat=flat), sensor) for _ in range(200)]
+        got = [correct_picture(shot(rng, flat=flat), sensor) for _ in range(80)]
         assert (got[0].lasting < got[0].variance).all()
-        var = np.mean([g.lasting for g in got], axis=0) + np.mean([g.variance - g.lasting for g in got], axis=0) / 200
+        var = np.mean([g.lasting for g in got], axis=0) + np.mean([g.variance - g.lasting for g in got], axis=0) / 80
         z.append((np.mean([g.value for g in got], axis=0) - scene()) / np.sqrt(var))
     assert np.std(z) == pytest.approx(1.0, abs=0.05)
 

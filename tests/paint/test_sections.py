@@ -58,7 +58,6 @@ def test_sections_add_up_to_the_whole():
     assert whole == pytest.approx(integrate_loads(mesh, cp, UNIT).row("model")["CN"][0], rel=0.01)
 
 
-@pytest.mark.slow
 def test_sigma_of_sections_is_that_of_draws_and_a_mode_ties_them():
     mesh = sphere(60)
     rng = np.random.default_rng(0)
@@ -66,12 +65,12 @@ def test_sigma_of_sections_is_that_of_draws_and_a_mode_ties_them():
     cuts = [section(mesh, [0, v, 0], [0, 1, 0]) for v in (-0.4, 0.1)]
     got = span_loading(mesh, cp, cuts, [0, 1, 0], UNIT)
     seen = []
-    for _ in range(400):
+    for _ in range(200):
         e = 0.05 * rng.normal(size=len(cp)) + cp.modes[:, 0] * rng.normal()
         seen.append(span_loading(mesh, NodeField.make(cp.value + e), cuts, [0, 1, 0], UNIT).value.ravel())
     scale = np.sqrt(np.diag(got.cov))
     scale = np.outer(scale, scale)
-    np.testing.assert_allclose(np.cov(np.array(seen).T) / scale, got.cov / scale, atol=0.22)
+    np.testing.assert_allclose(np.cov(np.array(seen).T) / scale, got.cov / scale, atol=0.3)
     assert got.causes["temperature"][0] > 0.05 * got.cov[0, 0]
     assert abs(got.cov[0, 3]) > 0.05 * got.cov[0, 0]
 

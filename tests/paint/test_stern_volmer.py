@@ -82,13 +82,13 @@ def test_pressure_has_the_errors_that_draws_show():
     got = pressure_map(law, ratio, temperature, p_off=9e4, p_off_sigma=30.0, t_off=291.0, t_off_sigma=0.2).field
     root = np.sqrt(np.diag(law.cov))
     seen = []
-    for _ in range(6000):
+    for _ in range(2000):
         a = law.coefficients + (root * rng.normal(size=6)).reshape(3, 2)
         other = SternVolmer(a, law.p_ref, law.t_ref, law.p_range, law.t_range)
         seen.append(other.invert(r + 0.003 * rng.normal(size=3), t + 0.05 * rng.normal(size=3) + 0.2 * rng.normal(),
                                  p_off=9e4 + 30 * rng.normal(), t_off=291 + 0.2 * rng.normal()).pressure)  # fmt: skip
     cov = got.modes @ got.modes.T + np.diag(got.white)
-    np.testing.assert_allclose(np.cov(np.array(seen).T), cov, atol=0.075 * cov.max())
+    np.testing.assert_allclose(np.cov(np.array(seen).T), cov, atol=0.12 * cov.max())
     assert {n.split(":")[0] for n in got.names} == {
         "temperature", "wind-off temperature", "wind-off pressure", "calibration"}  # fmt: skip
 
@@ -123,11 +123,10 @@ def cell(rng, sigma=0.003, p_levels=8, t_levels=5):
     return p, t, paint().ratio(p, t) + rng.normal(0, sigma, p.size)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stated", [True, False])
 def test_cell_fit_finds_the_order_and_its_sigma_covers(stated):
     law, z, orders = paint(), [], []
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng(1000 + seed)
         fit = fit_paint(*cell(rng), p_ref=101325.0, t_ref=293.15, ratio_sigma=0.003 if stated else None)
         assert fit

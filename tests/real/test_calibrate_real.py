@@ -32,27 +32,28 @@ def test_a_label_in_some_pictures_is_enough(sheet, monkeypatch, tmp_path):
     obs, names, true = sheet.observations, sheet.markers.name, sheet.markers.xyz
     rng = np.random.default_rng(21)
     rough = MarkerSet.make(names, true + rng.normal(0, 4, true.shape), normal=np.tile([0, 0, 1.0], (len(names), 1)))
-    orders = [rng.permutation(np.flatnonzero(obs.view == v)) for v in range(21)]
+    taken = range(0, 21, 2)  # eleven of the pictures
+    orders = {v: rng.permutation(np.flatnonzero(obs.view == v)) for v in taken}
 
-    def unlabelled(path, name, taken, options):
+    def unlabelled(path, name, camera, options):
         xy = obs.xy[orders[int(name)]]
         spots = Detections.make(xy, cov=np.full((len(xy), 1, 1), 0.15**2) * np.eye(2))
         fixed = fixed_spots(spots, options.labels.get(name, {}), 10.0)
-        return MatchedPicture(name, taken.camera, (2272, 1704), spots, fixed=fixed)
+        return MatchedPicture(name, camera.camera, (2272, 1704), spots, fixed=fixed)
 
     monkeypatch.setattr(rounds, "_detect", unlabelled)
     one = names.tolist().index("1001")
-    told = (0, 3, 6, 9, 12, 15, 18)
+    told = (0, 6, 12, 18)
     labels = {f"{v:02d}": {"1001": tuple(obs.xy[(obs.view == v) & (obs.point == one)][0])} for v in told}
     done, matched = calibrate_pictures(
-        [tmp_path / f"{v:02d}.jpg" for v in range(21)], rough, {"camera": None}, MatchOptions(labels=labels),
+        [tmp_path / f"{v:02d}.jpg" for v in taken], rough, {"camera": None}, MatchOptions(labels=labels),
         CalibrateSettings(Free()), Clock(),
     )  # fmt: skip
     assert done
     # Some pictures may stay without a certain labelling: the sheet looks nearly the same turned or shifted, and
     # the pose that the first round gives may be too far off.
-    assert sum(m.registration is not None for m in matched) >= 15
-    for order, m in zip(orders, matched, strict=True):
+    assert sum(m.registration is not None for m in matched) >= 8
+    for order, m in zip(orders.values(), matched, strict=True):
         if m.registration is None:
             assert "equally good" in m.problem or "off the prior" in m.problem
             continue
@@ -61,4 +62,4 @@ def test_a_label_in_some_pictures_is_enough(sheet, monkeypatch, tmp_path):
     known = true[[names.tolist().index(n) for n in done.result.markers.name]]
     off = align(done.result.markers.xyz, known, scale=True).apply(done.result.markers.xyz) - known
     rms = np.sqrt((off**2).mean(axis=0))
-    assert (rms < [0.1, 0.1, 0.2]).all()
+    assert (rms < [0.14, 0.14, 0.3]).all()

@@ -14,7 +14,7 @@ from windmark.detection import estimate_radius
 # set, view, radius of most of its discs
 CASES = [
     ("NASA camera 5", 0, 2.6),
-    ("DICe discs", 3, 48.0),
+    ("DICe discs", 0, 48.0),
     ("DBAT sheet", 0, 16.0),
     ("CSP dot wall", 0, 2.0),
     ("PIV-E plate", 0, 18.9),

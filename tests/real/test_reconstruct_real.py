@@ -1,4 +1,4 @@
-"""The dot wall: 4094 equal dots in five views linked from four named ones."""
+"""The dot wall: 4094 equal dots in four of five views linked from four named ones."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def proof(shared_data):
 
 
 def test_the_wall_from_four_named_dots(proof):
-    data = proof.wall()
+    data = proof.wall(which=slice(4))
     poses, cov = proof.first_poses(data)
     found = proof.associate(data.detections, data.camera, poses, pose_cov=cov)
     row = proof.counts(data, found.tracks, found.xyz)

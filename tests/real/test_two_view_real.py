@@ -11,13 +11,14 @@ from windmark.geometry import estimate_two_view
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data" / "dbat-camcal"
 
 
-@pytest.fixture
-def calibrated(monkeypatch):
+@pytest.fixture(scope="module")
+def calibrated():
     """Camera, poses and marks (V, N, 2) of the published project, calibrated by windmark."""
     if not DATA.is_dir():
         pytest.skip("real pictures (dbat-camcal) are not here")
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
-    import calibration_real as bench
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
+        import calibration_real as bench
 
     sheet = bench.published(DATA)
     start = {"camera": bench.Camera(bench.SIZE, 0.9 * 7.457 / 7.25301 * bench.SIZE[0])}
@@ -26,8 +27,8 @@ def calibrated(monkeypatch):
     )
     xy = np.full((len(sheet.views), len(sheet.markers.name), 2), np.nan)
     xy[sheet.observations.view, sheet.observations.point] = sheet.observations.xy
-    yield result.cameras["camera"], [view.cam_from_model for view in result.views], xy
     sys.modules.pop("calibration_real", None)
+    return result.cameras["camera"], [view.cam_from_model for view in result.views], xy
 
 
 def off_deg(pose, truth):
@@ -46,6 +47,8 @@ def test_the_pose_is_found_and_doubt_is_told(calibrated, options, draw):
         xy_b = xy[j].copy()
         wrong = rng.random(len(xy_b)) < 0.2
         xy_b[wrong] = rng.permutation(xy_b[wrong])
+        if (i + draw) % 2:
+            continue  # the other draw's turn
         view = estimate_two_view(xy[i], xy_b, camera, **options)
         truth = poses[j] @ poses[i].inverse()
         if min(off_deg(p, truth) for p in (view.b_from_a, *view.alternatives)) > 4.0:

@@ -8,14 +8,14 @@ from registration_scenes import scene, whitened_error
 
 from windmark.registration import register
 
-CELLS = (("A", 0.25, 0.5, 100), ("A", 0.5, 1.0, 40), ("B", 0.0, 0.0, 40), ("B", 0.5, 1.0, 60), ("C", 0.5, 1.0, 10))
+CELLS = (("A", 0.25, 0.5, 40), ("A", 0.5, 1.0, 16), ("B", 0.0, 0.0, 16), ("B", 0.5, 1.0, 24), ("C", 0.5, 1.0, 4))
 """Kind, hidden, false spots, and how many images."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("free_focal", [False, True])
 def test_errors_are_as_large_as_the_covariance_says(free_focal):
-    """All parameters whitened, 250 images: standard deviation 0.95 to 1.05."""
+    """All parameters whitened, 100 images: standard deviation 0.92 to 1.08, by chance to 0.03."""
     z = []
     for kind, hidden, false, count in CELLS:
         for seed in range(count):
@@ -28,9 +28,9 @@ def test_errors_are_as_large_as_the_covariance_says(free_focal):
             else:  # flat markers seen frontally
                 assert free_focal
                 assert found.cause in ("focal", "ambiguous", "weak")
-    assert len(z) > 200
-    assert 0.95 < np.sqrt(np.mean(np.square(z))) < 1.05
-    assert (np.sqrt(np.mean(np.square(z), axis=0)) < 1.2).all()
+    assert len(z) > 80
+    assert 0.92 < np.sqrt(np.mean(np.square(z))) < 1.08
+    assert (np.sqrt(np.mean(np.square(z), axis=0)) < 1.25).all()
 
 
 def test_table_errors_widen_the_covariance():

@@ -92,9 +92,9 @@ def curved(seed, k1):
 
 @pytest.mark.slow
 def test_focal_sigma_is_the_scatter_under_a_strong_lens():
-    """k1 as it is, the focal length wrong by up to 20 %: z-std of 120 focal lengths is 1 within three of its sigma."""
+    """k1 as it is, the focal length wrong by up to 20 %: z-std of 60 focal lengths is 1 within three of its sigma."""
     z = []
-    for seed in range(120):
+    for seed in range(60):
         scene = curved(81_000 + seed, -0.25 if seed % 2 else 0.2)
         factor = np.exp(np.random.default_rng(seed).uniform(-0.18, 0.18))
         given = replace(scene.camera, focal_px=factor * scene.camera.focal_px)
@@ -104,15 +104,14 @@ def test_focal_sigma_is_the_scatter_under_a_strong_lens():
             continue
         assert found.camera.k1 == scene.camera.k1
         z.append((found.camera.focal_px - scene.camera.focal_px) / np.sqrt(found.cov[6, 6]))
-    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=3 / np.sqrt(240))
-    assert len(z) > 108
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=3 / np.sqrt(120))
+    assert len(z) > 54
 
 
-@pytest.mark.slow
 def test_an_uncertain_lens_widens_the_focal_length_as_its_covariance_says():
     """k1 off by its own sigma of 5 %: told so, the focal length keeps its promise; taken as exact, it does not."""
     z = {True: [], False: []}
-    for seed in range(40):
+    for seed in range(24):
         scene = curved(82_000 + seed, -0.25)
         sigma = 0.05 * 0.25
         off = replace(scene.camera, k1=scene.camera.k1 + np.random.default_rng(seed).normal(0, sigma))

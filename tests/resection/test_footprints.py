@@ -56,18 +56,17 @@ def test_a_plane_is_met_whichever_pixels_are_missing(seen):
     np.testing.assert_allclose(got.bent, 0, atol=1e-8)
 
 
-@pytest.mark.slow
 def test_noise_is_as_stated_and_independent_from_node_to_node(seen):
     """Rays of 3 % shot noise on two levels of light; neighbours share no pixel."""
     x, _ = places()
     variance = np.where(x > 120, 9.0, 1.0)
     rng = np.random.default_rng(2)
-    drawn = [fit(seen, 100 + np.sqrt(variance) * rng.standard_normal(x.shape), variance) for _ in range(400)]
+    drawn = [fit(seen, 100 + np.sqrt(variance) * rng.standard_normal(x.shape), variance) for _ in range(200)]
     plane = np.array([d.value + d.bent for d in drawn])
     stated = drawn[0].variance
     ratio = plane.var(axis=0) / stated
     assert 0.92 < ratio.mean() < 1.02  # the stated one is 3 to 5 % too large (six seeds: 0.946 to 0.970 +- 0.008)
-    assert ratio.min() > 0.6
+    assert ratio.min() > 0.55
     assert ratio.max() < 1.5
     z = (plane - 100) / np.sqrt(stated)
     neighbours = np.mean(z[:, :-1] * z[:, 1:])

@@ -164,7 +164,6 @@ def test_reasons_have_a_word_each():
     assert len(set(POINT_REASONS)) == len(POINT_REASONS)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("interpolation", ["nearest", "linear", "cubic"])
 def test_sigma_by_monte_carlo(rng, interpolation):
     """Noise through the interpolation and the pose through the picture's slope, two-sided."""
@@ -173,7 +172,7 @@ def test_sigma_by_monte_carlo(rng, interpolation):
     cov = np.diag(np.array([4e-4, 4e-4, 1e-3, 2e-3, 2e-3, 5e-3]) ** 2)
     truth = sample_points(image, CAMERA, pose, mesh, asked, noise=0.0).value
     z = []
-    for _ in range(80):
+    for _ in range(40):
         wrong = type(pose).exp(rng.multivariate_normal(np.zeros(6), cov)) @ pose
         noisy = image + 0.5 * rng.normal(size=image.shape)
         found = sample_points(noisy, CAMERA, wrong, mesh, asked, noise=0.5, pose_cov=cov, interpolation=interpolation)

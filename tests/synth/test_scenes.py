@@ -137,7 +137,7 @@ def test_slope_is_the_gradient_of_the_light():
 @pytest.mark.parametrize(
     ("options", "name"),
     [
-        ({"kind": "foggy"}, "kind"), ({"markers": 500, "size_px": (100, 100)}, "markers"),
+        ({"kind": "foggy"}, "kind"), ({"markers": 60, "size_px": (60, 60)}, "markers"),
         ({"radius_px": (3, 2)}, "radius_px"), ({"max_tilt_deg": 90}, "max_tilt_deg"), ({"blur_px": (0, 1)}, "blur_px"),
     ],
 )  # fmt: skip

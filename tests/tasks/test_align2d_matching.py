@@ -88,10 +88,9 @@ def test_a_larger_motion_than_stated_is_not_matched_to_something_else():
         check(answer, labels)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("count", [4, 6, 10, 30, 80])
 def test_unrelated_pictures_are_refused(count):
-    for seed in range(6):
+    for seed in range(6 if count < 30 else 2):
         rng = np.random.default_rng(seed)
         a, b = (Detections.make(rng.uniform(0, 1000, (count, 2))) for _ in range(2))
         answer = match_spots(a, b)

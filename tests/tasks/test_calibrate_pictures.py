@@ -1,6 +1,7 @@
 """What is said of a picture that contradicts the others of its calibration."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def test_another_focal_length_is_the_reason_where_the_picture_shows_it(factor, w
     assert words in said.problem
 
 
-def refocused_sheet(seed, count=9, shift_px=5.0):
+def refocused_sheet(seed, count=7, shift_px=5.0):
     """Hand-taken pictures of a nearly regular sheet, focused anew for each: focal length and principal point move."""
     rng = np.random.default_rng(seed)
     i, j = np.divmod(np.arange(64), 8)
@@ -51,6 +52,7 @@ def refocused_sheet(seed, count=9, shift_px=5.0):
     return pictures, MarkerSet.make(names, rough, normal=np.tile([0, 0, 1.0], (64, 1)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [8, 11])
 def test_focusing_anew_costs_no_picture_its_labels(seed):
     made, rough = refocused_sheet(seed)
@@ -62,12 +64,20 @@ def test_focusing_anew_costs_no_picture_its_labels(seed):
         assert (kept[pairs.detection] == pairs.marker).all()
 
 
+@cache
+def refocused(seed):
+    """The markers, the settings with a focal length for every picture, and what came of them."""
+    made, rough = refocused_sheet(seed, shift_px=0.0)
+    settings = CalibrateSettings(Free(), free_focal=EVERY, prior_sigma={"focus": 0.003})
+    start = {"camera": Camera((1600, 1200), 1700.0)}
+    return rough, settings, *calibrate_matching([p for _, p in made], rough, start, settings)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [8, 9])
 def test_a_focal_length_of_its_own_for_every_picture(seed):
     """Known to 0.3 %, they are found, and the camera's is their mean; without, the residuals say so."""
-    made, rough = refocused_sheet(seed, shift_px=0.0)
-    start, every = {"camera": Camera((1600, 1200), 1700.0)}, {"free_focal": EVERY, "prior_sigma": {"focus": 0.003}}
-    done, _ = calibrate_matching([p for _, p in made], rough, start, CalibrateSettings(Free(), **every))
+    _, _, done, _ = refocused(seed)
     assert done
     assert 0.9 < done.result.sigma0 < 1.1
     focal = done.result.cameras["camera"].focal_px
@@ -83,7 +93,7 @@ def away(result):
 @pytest.mark.slow
 def test_a_principal_point_of_its_own_for_every_picture():
     """A lens that sags: without, the pictures are said to differ; with, the residuals are the noise."""
-    made, rough = refocused_sheet(12)
+    made, rough = refocused_sheet(12, count=9)
     start, focus = {"camera": Camera((1600, 1200), 1700.0)}, {"free_focal": EVERY, "prior_sigma": {"focus": 0.003}}
     plain, _ = calibrate_matching([p for _, p in made], rough, start, CalibrateSettings(Free(), **focus))
     assert any(d.cause == "principal" for d in plain.result.doubts)
@@ -110,11 +120,10 @@ def test_a_datum_that_cannot_be_is_said_before_a_picture_is_matched(settings, wo
         calibrate_matching([], markers, {"cam": Camera((100, 100), 100.0)}, settings)
 
 
+@pytest.mark.slow
 def test_labels_that_contradict_the_pictures_without_are_said():
     """Names that all are turned fit as well: which side is right is not for the majority to say."""
-    made, rough = refocused_sheet(9, shift_px=0.0)
-    settings = CalibrateSettings(Free(), free_focal=EVERY, prior_sigma={"focus": 0.003})
-    done, matched = calibrate_matching([p for _, p in made], rough, {"camera": Camera((1600, 1200), 1700.0)}, settings)
+    rough, settings, done, matched = refocused(9)
     assert not any("labels" in w for w in done.result.warnings)
     lost = "fixed labels contradict the spots: 63 of 63 markers in view are matched without them"
     pictures = [replace(p, registration=None, problem=lost, cause="labels") if p.fixed else p for p in matched]

@@ -10,7 +10,7 @@ from windmark.adjust import refine_pose
 from windmark.geometry import Camera
 from windmark.registration import register
 from windmark.scene import MarkerSet, Mesh
-from windmark.tasks.marker_check import Change, CheckSettings, Stage, check_markers, run_campaign
+from windmark.tasks.marker_check import Change, CheckSettings, Stage, advice, check, check_markers, run_campaign
 from windmark.tasks.marker_check.candidates import candidates, on_mesh
 from windmark.tasks.marker_check.settings import (
     DEFAULT_CAMERA,
@@ -50,7 +50,15 @@ def stage(markers, settings=FRONT, mesh=None):
 
 @pytest.fixture(scope="module")
 def grid_check():
-    return check_markers(grid(), "mm", settings=FRONT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(advice, "VERIFIED", 48)  # views of each proposal; what it is worth, fresh views say
+        return check_markers(grid(), "mm", settings=replace(FRONT, views=24))
+
+
+@pytest.fixture
+def no_views(monkeypatch):
+    """A check without its campaign, which takes its time and has no say in what the table itself tells."""
+    monkeypatch.setattr(check, "run_campaign", lambda stage, **_: run_campaign(stage, only=np.zeros(0, dtype=int)))
 
 
 def fresh_views(markers, seed, count=100):
@@ -95,10 +103,10 @@ def test_the_proposal_holds_on_views_that_the_check_has_never_seen(grid_check):
     np.testing.assert_array_equal(layout.xyz, best.stage.markers.xyz)
     moved = np.linalg.norm(layout.xyz[:24] - grid_check.stage.markers.xyz, axis=1) > 0
     assert moved.sum() <= len(best.changes) <= 5
-    right, wrong = fresh_views(layout, 1)
-    assert right >= 98
+    right, wrong = fresh_views(layout, 1, 60)
+    assert right >= 59
     assert wrong == 0
-    assert fresh_views(grid_check.stage.markers, 1, 20) == (0, 0)
+    assert fresh_views(grid_check.stage.markers, 1, 8) == (0, 0)
     assert check_markers(layout, "mm", settings=replace(FRONT, seed=5)).identifiable
 
 
@@ -244,7 +252,6 @@ def test_changes_leave_all_other_columns_alone():
     assert longer.radius[-1] == 3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "kind", "names"),
     [
@@ -253,7 +260,7 @@ def test_changes_leave_all_other_columns_alone():
         (lambda xyz: xyz * [1, 1, 0], "flat", set()),
     ],
 )
-def test_what_the_table_itself_says(change, kind, names):
+def test_what_the_table_itself_says(no_views, change, kind, names):
     markers = replace(grid(), xyz=change(grid().xyz))
     check = check_markers(markers, "mm", settings=replace(FRONT, views=24, advise=False))
     found = {finding.kind: finding for finding in check.findings}
@@ -261,8 +268,7 @@ def test_what_the_table_itself_says(change, kind, names):
     assert set(found[kind].markers) >= names if names else not found[kind].markers
 
 
-@pytest.mark.slow
-def test_markers_that_nobody_sees_and_markers_back_to_back():
+def test_markers_that_nobody_sees_and_markers_back_to_back(no_views):
     markers = grid()
     normal, xyz = markers.normal.copy(), markers.xyz.copy()
     normal[3], xyz[4] = -UP, xyz[3] + [0, 0, -4]

@@ -62,16 +62,15 @@ def test_values_lie_on_the_surface_where_it_is_and_nothing_at_its_rim():
     assert (seen.weight[on] > 0).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("values", ["nearest", "linear", "cubic", "footprint"])
 def test_the_variance_is_that_of_the_noise(values):
     rng, how = np.random.default_rng(4), Sampling(values=values)
-    found = [sample_picture(picture(slope() + 5 * rng.standard_normal((120, 160)), 25.0), how) for _ in range(400)]
+    found = [sample_picture(picture(slope() + 5 * rng.standard_normal((120, 160)), 25.0), how) for _ in range(150)]
     true = sample_picture(picture(slope(), 25.0), how)
     on = np.isfinite(true.value)
     square = np.mean([(f.value[on] - true.value[on]) ** 2 / f.variance[on] for f in found], axis=0)
-    assert np.mean(square) == pytest.approx(1, abs=0.03)
-    assert (np.abs(square - 1) < 0.35).all()
+    assert np.mean(square) == pytest.approx(1, abs=0.04)
+    assert (np.abs(square - 1) < 0.5).all()
 
 
 def test_all_pixels_of_a_node_have_far_less_noise_than_those_round_it():
@@ -190,11 +189,10 @@ def test_a_flicker_known_beforehand_counts_unless_pictures_contradict_it():
         np.testing.assert_allclose(lamps_of(got), factor * counts * np.sqrt(2 / 3), rtol=0.1)
 
 
-@pytest.mark.slow
 def test_what_all_pictures_of_a_camera_err_by_stays_in_their_mean():
     """Dark and flat are the same pixels' error in each of five pictures."""
     rng, mesh, z = np.random.default_rng(9), plate(), []
-    for _ in range(40):
+    for _ in range(16):
         same = 3 * rng.standard_normal((120, 160))
         # Wind-off from elsewhere on the sensor: another error.
         on, off = ([replace(picture(slope() + e + 4 * rng.standard_normal((120, 160)), 25.0, mesh, name=f"{k}"),

@@ -25,11 +25,10 @@ def readings(xyz, pressure, sigma=20.0):
     return Readings(tuple(f"t{k}" for k in range(len(xyz))), xyz, up, pressure, np.full(len(xyz), sigma))
 
 
-@pytest.mark.slow
 def test_holes_that_were_filled_err_as_a_whole_and_leave_no_scatter_to_others():
     """The nodes of a tap's triangle are wrong by the same 200 Pa: that is no scatter of 20 Pa nodes elsewhere."""
     mesh, found, alike = plate(), [], []
-    for seed in range(30):
+    for seed in range(15):
         rng = np.random.default_rng(seed)
         xyz = places(rng, 12)
         true = 6e4 + 500 * mesh.vertices[:, 0]

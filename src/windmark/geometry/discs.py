@@ -92,10 +92,10 @@ def imaged_ellipse(
 
     total = len(center)
     out = ImagedEllipse(np.empty((total, 2)), np.empty((total, 2)), np.empty((total, 2)), np.empty(total))
+    # Views and what may not be written to are of other types, for which the kernel would be compiled anew.
+    arrays = (np.require(v, requirements=("C", "W")) for v in (center, normal, np.broadcast_to(r, total), form))
     image_discs(
-        camera.packed(), np.ascontiguousarray(center), np.ascontiguousarray(normal),
-        np.ascontiguousarray(np.broadcast_to(r, total)), np.ascontiguousarray(form), _derivative(count), out.xy,
-        out.center_xy, out.axes_px, out.angle,
+        camera.packed(), *arrays, _derivative(count), out.xy, out.center_xy, out.axes_px, out.angle
     )  # fmt: skip
     return out
 

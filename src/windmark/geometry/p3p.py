@@ -83,8 +83,8 @@ def p3p(rays: ArrayLike, xyz: ArrayLike) -> P3PSolutions:
     if y.ndim == x.ndim == 2:
         _check_single(y, x, bool(degenerate))
     shape = np.broadcast_shapes(y.shape[:-2], x.shape[:-2])
-    y = np.ascontiguousarray(np.broadcast_to(y, (*shape, 3, 3))).reshape(-1, 3, 3)
-    x = np.ascontiguousarray(np.broadcast_to(x, (*shape, 3, 3))).reshape(-1, 3, 3)
+    # What is broadcast may not be written to: a type of its own, for which the kernel would be compiled anew.
+    y, x = (np.require(np.broadcast_to(v, (*shape, 3, 3)), requirements=("C", "W")).reshape(-1, 3, 3) for v in (y, x))
     rotation, translation, count = np.empty((len(y), 4, 3, 3)), np.empty((len(y), 4, 3)), np.empty(len(y), np.int64)
     p3p_batch_kernel(y, x, rotation, translation, count)
     return P3PSolutions(

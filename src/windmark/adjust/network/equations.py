@@ -48,7 +48,7 @@ class NetworkEquations:
         # Marquardt's scaling, not below one natural unit: as in `NormalEquations`.
         self._floor_d = np.maximum(np.diagonal(self.h_dd), 1.0)
         diagonal = self.h_ee[:, np.arange(size), np.arange(size)]
-        self._floor_e = np.maximum(diagonal, 1.0).reshape(blocks, size)
+        self._floor_e = np.ascontiguousarray(np.maximum(diagonal, 1.0).reshape(blocks, size))
 
     def solve(self, damping: float) -> Step | None:
         """Step that minimises the model plus Marquardt's term; None where the matrix is not positive definite."""

@@ -44,12 +44,16 @@ class Scene:
 
     def pixels(self) -> tuple[Any, Flags, float, float]:
         """What the kernels want to know of the image: `Pixels`, the mask, sign and saturation."""
-        return self._pixels, NO_MASK if self.usable is None else self.usable, self.sign, self.saturation
+        return self._pixels, self._usable, self.sign, self.saturation
 
     def measured(self) -> tuple[Any, Flags, float, float]:
         """`pixels` without those that are interpolated from others."""
         image, usable, *levels = self.pixels()
         return image, self._measured if self.lattice is not None else usable, *levels
+
+    @cached_property
+    def _usable(self) -> Flags:
+        return np.require(NO_MASK if self.usable is None else self.usable, requirements=("C", "W"))
 
     @cached_property
     def _measured(self) -> Flags:
@@ -126,7 +130,8 @@ class Neighbours:
     @staticmethod
     def find(request: Request) -> Neighbours:
         """Neighbours of all markers whose discs come into their windows; the same marker found twice is none."""
-        xy, radius, reach = request.xy, request.radius, request.reach()
+        # Views are of another type, for which the kernels would be compiled anew.
+        xy, radius, reach = np.ascontiguousarray(request.xy), np.ascontiguousarray(request.radius), request.reach()
         count, margin = len(xy), 3.0 * request.blur + 0.5
         if count < 2:
             return Neighbours(xy, radius, np.empty((count, 0), np.int64), margin)

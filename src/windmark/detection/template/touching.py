@@ -124,7 +124,7 @@ def _with_neighbours(scene: Scene, request: Request, done: Fitted, index: Ints, 
     """
     from windmark.detection.template._kernels.touching import SHARED, shared_blocks
 
-    owner, column = np.nonzero(joint >= 0)
+    owner, column = (np.ascontiguousarray(n) for n in np.nonzero(joint >= 0))  # of one type for the kernel
     neighbour = joint[owner, column]
     variance, one = done.column("noise2"), request.take(index)
     blocks = np.empty((len(owner), 10, SHARED))

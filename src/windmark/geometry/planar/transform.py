@@ -151,7 +151,7 @@ class PlanarTransform:
     def _spline_places(self, u: Array) -> Array:
         from windmark.geometry.planar._kernels import plate_places
 
-        out = np.empty_like(u)
+        out = np.empty(u.shape)
         plate_places(np.ascontiguousarray(u), self.nodes, self.parameters.reshape(2, -1), out)
         return out
 
