@@ -26,6 +26,7 @@ REFUSALS = {
     "not_converged": "no match",
     "control": "control",
     "discs": "discs",
+    "not_flat": "table",
     "no_pair": "no match",
     "baseline": "weak",
     "few_primaries": "few",
@@ -214,6 +215,7 @@ def _refused(reason: str, cause: str, blurred: Sequence[Finding]) -> Verdict:
         "mirrored": "correct the sign of that axis in the table of primaries",
         "focal": "give the focal length that was found, or let it adjust (--free focal_px)",
         "lens": STEPS["lens"],
+        "table": "use one flat board; or mark three of its dots (--board-marks): then it is measured, and may be bent",
         "one-sided": "give the place of one more marker, beside that line", "few": "more pictures and markers",
         "weak": "pictures from more sides and distances",
     }  # fmt: skip
