@@ -37,6 +37,9 @@ FOCAL_OFF = 0.05
 """1 sigma of a focal length as part of itself: one that is farther off fails before anything is adjusted."""
 EXCESS = 2.0
 """Square of the residuals over what is stated, from which more than half of it is no noise."""
+LIKELY = 0.01
+"""Probability of such a fall by chance, below which another camera is what explains residuals that are too large for
+their sigmas; stated sigmas that are too small explain them as well, and then nothing singles the camera out."""
 MOVES = 1.0
 """Root mean square of the markers' shifts in their sigmas, from which another camera matters."""
 NOTICED, MATTERS = 0.8, 3.0
@@ -153,8 +156,8 @@ def freed(
 def others(of: Freed, base: float = np.nan) -> list[Shown]:
     """Cameras that are another one by an adjustment, what explains most first.
 
-    Either the fall of the squares is no chance beside what is left of them, or ``base``, sigma0 with the given camera,
-    contradicts the marks' sigmas, and what is left does not.
+    Either the fall of the squares is no chance beside what is left of them, or hardly any (`LIKELY`) while ``base``,
+    sigma0 with the given camera, contradicts the marks' sigmas, and what is left does not.
     """
     redundancy, found = of.result.redundancy, []
     for camera in of.result.cameras:
@@ -165,7 +168,8 @@ def others(of: Freed, base: float = np.nan) -> list[Shown]:
         counts = {t: sum(n in of.names for n in THINGS[t]) for t in THINGS}
         likely = min(chance(f, counts[t], whole, redundancy) for t, f in each.items()) * len(THINGS)
         likely = min(likely, chance(fall, len(of.names), whole, redundancy))
-        if likely < FALSE / 2 or (_contradicts(base, redundancy) and of.result.sigma0**2 < EXCESS):
+        excess = _contradicts(base, redundancy) and of.result.sigma0**2 < EXCESS and likely < LIKELY
+        if likely < FALSE / 2 or excess:
             found.append(_shown(camera, equations, each, fall, max(1.0, of.result.sigma0**2)))
     return sorted(found, key=lambda s: -s.fall)
 
