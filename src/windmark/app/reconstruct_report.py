@@ -119,6 +119,8 @@ def _overview(report: Report, result: Reconstruction, shown: Shown) -> None:
     report.table(["", "value"], rows)
     for sentence in result.warnings:
         report.text(f"{sentence}.", "bad")
+    if result.unchecked:
+        report.text(f"The pictures cannot tell: {result.unchecked}.", "soft")
 
 
 def _pictures(report: Report, result: Reconstruction, shown: Shown) -> None:

@@ -31,6 +31,7 @@ STEPS = {
     "bound": "widen this bound (lower, upper of the volume's parameters); where the model cannot go beyond it, see "
     "that markers, cameras and the other laws are right",
     "noise": "see which markers or laws leave residuals; give the table its true sigma",
+    "lens": "calibrate the camera (windmark calibrate); check that the file is this camera's, at this zoom and focus",
     "camera": "check the value that was given for it",
     "layout": "label a marker in this picture, or leave it out",
 }

@@ -26,6 +26,7 @@ REFUSALS = {
     "not_converged": "no match",
     "control": "control",
     "discs": "discs",
+    "not_flat": "table",
     "no_pair": "no match",
     "baseline": "weak",
     "few_primaries": "few",
@@ -35,6 +36,7 @@ REFUSALS = {
     "ambiguous": "layout",
     "poses": "moved",
     "focal": "focal",
+    "lens": "lens",
     "unconnected": "few",
     "adjustment": "noise",
 }
@@ -96,6 +98,9 @@ def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pi
         )
     # One that was recognised by its place alone checks the three that hold the frame.
     unchecked, more = _unchecked(result.calibration) if (result.markers.role == "primary").sum() <= 3 else ("", "")
+    if result.unchecked:
+        unchecked += f"; {result.unchecked}"
+        more += "; more pictures, from more sides, and more known markers would check the cameras"
     return Verdict.of(
         found, 1, _good(result.calibration, unit) + unchecked,
         f"use markers.csv; its sigmas are those of this adjustment{more}",
@@ -209,6 +214,8 @@ def _refused(reason: str, cause: str, blurred: Sequence[Finding]) -> Verdict:
     steps = {
         "mirrored": "correct the sign of that axis in the table of primaries",
         "focal": "give the focal length that was found, or let it adjust (--free focal_px)",
+        "lens": STEPS["lens"],
+        "table": "use one flat board; or mark three of its dots (--board-marks): then it is measured, and may be bent",
         "one-sided": "give the place of one more marker, beside that line", "few": "more pictures and markers",
         "weak": "pictures from more sides and distances",
     }  # fmt: skip

@@ -20,6 +20,7 @@ from windmark.calibration.datum import Datum
 from windmark.errors import UsageError
 from windmark.geometry import Camera
 from windmark.scene import Detections, MarkerSet, Observations, View
+from windmark.tasks.calibrate.board_folded import with_shape
 from windmark.tasks.calibrate.board_picture import Board, BoardPicture
 from windmark.tasks.calibrate.board_turned import placed_by_print
 from windmark.tasks.calibrate.lens import in_lens, with_lens
@@ -90,15 +91,18 @@ def calibrate_dots(
     with stage("calibrate"):
         first = adjusted(marks, replace(settings, max_sigma0=np.inf))
     if not isinstance(first, Calibration):
-        return explained(first, marks), tuple(pictures)
+        why = explained(first, marks)
+        return why if apart else with_shape(why, marks, settings), tuple(pictures)
     excess = excess_px(first, 0.0)
     if apart:
         with stage("marks that are hidden"):
             pictures = placed_by_print(pictures, board, first, excess)
         marks = _marks(pictures, board, marks.cameras)
     obs = marks.observations
-    marks = replace(marks, observations=replace(obs, cov=with_excess(obs.cov, excess)))
-    done = calibrate_marks(marks, settings, stage, lenses)
+    wider = replace(marks, observations=replace(obs, cov=with_excess(obs.cov, excess)))
+    done = calibrate_marks(wider, settings, stage, lenses)
+    # Dots that are told apart are measured: then a board may have any shape.
+    done = done if apart else with_shape(done, marks, settings)
     return done, tuple(replace(p, excess_px=excess) for p in pictures)
 
 

@@ -12,6 +12,8 @@ from windmark.calibration import Distance, Free
 from windmark.calibration.datum import Datum
 from windmark.errors import g2
 from windmark.scene import Doubt, MarkerSet
+from windmark.tasks.reconstruct.interior import FOCAL as FOCAL_LENGTH
+from windmark.tasks.reconstruct.other_camera import OtherCamera, refuse_other
 from windmark.tasks.reconstruct.structure import Structure, adjusted
 from windmark.tasks.reconstruct.task import Refused, Task
 
@@ -50,6 +52,8 @@ def refuse_gross(task: Task, structure: Structure, words: str = "", **known: Any
     found = other_focals(task, structure, **known)
     gross = [f for f in found if abs(f.seen / f.given - 1) > GROSS]
     if gross:
+        # Held at what is wrong, a lens or a principal point shows as a focal length.
+        refuse_other(task, structure, str(gross[0]), focal=False, **known)
         raise Refused("focal", f"{gross[0]}{words}; give the right one, or free `{FOCAL}`")
     return found
 
@@ -79,3 +83,15 @@ def other_focals(
         if abs(camera.focal_px - given.focal_px) > SIGMAS * np.sqrt(sigma**2 + known):
             out.append(OtherFocal(name, given.focal_px, camera.focal_px, sigma))
     return sorted(out, key=lambda f: -abs(f.seen - f.given) / f.sigma)
+
+
+def with_focals(focals: Sequence[OtherFocal], other: OtherCamera) -> tuple[Doubt, ...]:
+    """Doubts of focal lengths, and of what else of the cameras may be wrong: of each camera what explains most.
+
+    A focal length that is off with all else held may be what another lens or principal point makes of it.
+    """
+    likeliest = {s.camera: s.things == (FOCAL_LENGTH,) for s in other.shown}
+    own = [f for f in focals if likeliest.get(f.camera, True)]
+    said = {f.camera for f in own}
+    more = (d for s, d in zip(other.shown, other.doubts, strict=True) if s.camera not in said)
+    return (*(f.doubt for f in own), *more)

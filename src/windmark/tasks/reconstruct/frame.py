@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,3 +84,8 @@ class FreeFrame:
 def numbered(count: int) -> list[str]:
     """Names of points that have none: s001, s002, ..."""
     return [f"s{k:0{max(3, len(str(count)))}d}" for k in range(1, count + 1)]
+
+
+def holding(frame: Frame, names: Sequence[str]) -> dict[str, Any]:
+    """What holds a structure with these ``names`` in its frame, as `structure.adjusted` takes it."""
+    return {"datum": frame.datum, "names": names, "table": frame.table, "distances": frame.distances}

@@ -9,9 +9,11 @@ import numpy as np
 from windmark.scene import MarkerSet
 from windmark.tasks.reconstruct.begin import beginning
 from windmark.tasks.reconstruct.focal import refuse_gross
+from windmark.tasks.reconstruct.frame import Held, holding
 from windmark.tasks.reconstruct.free import transformed
 from windmark.tasks.reconstruct.grow import from_nothing, refined
 from windmark.tasks.reconstruct.matched import PairMatcher
+from windmark.tasks.reconstruct.other_camera import refuse_other
 from windmark.tasks.reconstruct.primaries import Located, locate
 from windmark.tasks.reconstruct.structure import Structure
 from windmark.tasks.reconstruct.task import Refused, Task
@@ -110,9 +112,16 @@ def _groups(task: Task, rough: MarkerSet | None) -> list[Group]:
 def _refused(task: Task, groups: list[Group], refusal: Refused) -> Refused:
     """Why no group has the primaries: they share nothing with each other, or other pictures could not be connected.
 
-    A focal length that the largest group contradicts explains both.
+    A focal length, or another thing of a camera, that the largest group contradicts explains both.
     """
     refuse_gross(task, groups[0].structure, f" (by {_names(task, groups[0].views)}; {refusal.reason})")
+    refuse_other(task, groups[0].structure, refusal.reason)
+    if refusal.nearly is not None:
+        # Taken for the right ones: would they be with another camera?
+        structure = transformed(groups[0].structure, refusal.nearly.frame)
+        frame = Held(task, structure, refusal.nearly)
+        structure, names = frame.prepared(structure)
+        refuse_other(task, structure, refusal.reason, **holding(frame, names))
     alone = sorted(set(task.usable) - {v for g in groups for v in g.views})
     if len(groups) > 1:
         words = "; ".join(_names(task, g.views) for g in groups)

@@ -170,8 +170,9 @@ def _by_constellation(task: Task, structure: Structure, named: dict[int, int]) -
         views = len(structure.poses)
         raise Refused(
             "not_found", f"no four of {len(known)} primary markers were recognised among the {n} points that were "
-            f"reconstructed from {views} pictures: fewer than four of them are in {min(views, 3)} of these, or they "
-            "are not where their table says; take more pictures that show them, or label three in one picture",
+            f"reconstructed from {views} pictures: fewer than four of them are in {min(views, 3)} of these, they "
+            "are not where their table says, or the camera file is another camera's; take more pictures that "
+            "show them, or label three in one picture",
         )  # fmt: skip
     return _best(found, len(known), FINEST * extent)
 
@@ -210,6 +211,7 @@ def _best(found: list[Located], primaries: int, floor: float) -> Located:
         raise Refused(
             "not_found", f"the best fit has {len(best.point)} of {primaries} primaries (RMS {g3(best.frame.rms)}), "
             f"which could be chance: false-alarm number 1e{best.log10_nfa:+.1f}; label three of them in one picture",
+            nearly=best,
         )  # fmt: skip
     for other in found[1:]:
         near = other.frame.rms <= RIVAL * max(best.frame.rms, floor) and len(other.point) >= len(best.point)

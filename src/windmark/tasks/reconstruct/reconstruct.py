@@ -18,12 +18,13 @@ from windmark.scene.repeated import ONCE_MORE
 from windmark.scene.shown import by_name, check_kinds, list_of, optional
 from windmark.tasks.reconstruct.again import Answers, asked_again
 from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, radii_differ
-from windmark.tasks.reconstruct.focal import refuse_gross
-from windmark.tasks.reconstruct.frame import Frame, FreeFrame, Held
+from windmark.tasks.reconstruct.focal import refuse_gross, with_focals
+from windmark.tasks.reconstruct.frame import Frame, FreeFrame, Held, holding
 from windmark.tasks.reconstruct.free import frame_words
 from windmark.tasks.reconstruct.groups import Framed, framed, why_left
 from windmark.tasks.reconstruct.normals import with_normals
 from windmark.tasks.reconstruct.off_table import off_their_table
+from windmark.tasks.reconstruct.other_camera import judged, refuse_other
 from windmark.tasks.reconstruct.pairwise import open_spots
 from windmark.tasks.reconstruct.primaries import check_primaries, with_sigma
 from windmark.tasks.reconstruct.result import NotReconstructed, Reconstruction
@@ -133,20 +134,20 @@ def reconstruct(
         refuse_gross(task, known.group.structure)
         begun: Frame = Held(task, known.group.structure, known.located) if known.located else FreeFrame(task, distances)
         structure, result, names, linked_marks, how, said = _confirmed(task, known, begun, free)
-        focals = refuse_gross(
-            task, structure, datum=begun.datum, names=names, table=begun.table, distances=begun.distances
-        )
+        held = holding(begun, names)
+        other = judged(task, structure, result, **held)
+        focals = refuse_gross(task, structure, **held) if other.may_be_focal else []
     except Refused as refusal:
         dropped |= {task.views[v].name: "could not be connected with the others" for v in refusal.alone}
         return NotReconstructed(refusal.reason, refusal.cause, dropped, options)  # type: ignore[arg-type]
     for v, view in enumerate(task.views):
         if v not in structure.poses and view.name not in dropped:
             dropped[view.name] = why_left(task, known.others, v) or said.out.get(v, ALONE)
-    out = _result(task, structure, result, names, linked_marks, dropped, how, options)
+    out = _result(task, structure, other.calibration, names, linked_marks, dropped, how, options)
     frame, unitless = ("", False) if known.located else frame_words(task, structure, distances)
     out = replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
     out = _doubted(task, out, said.doubts)
-    return replace(out, doubts=(*(f.doubt for f in focals), *out.doubts))
+    return replace(out, doubts=(*with_focals(focals, other), *out.doubts), unchecked=other.unchecked)
 
 
 def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstruction:
@@ -197,6 +198,7 @@ def _in_frame(
         structure, names = frame.prepared(structure)
         result = adjusted(task, structure, frame.datum, free, names, frame.table, frame.distances)
         if not isinstance(result, tuple):
+            refuse_other(task, structure, result.reason, **holding(frame, names))
             raise Refused("adjustment", result.reason)
         before = structure
         structure, calibration = result

@@ -28,6 +28,7 @@ CAUSES = {
     "mirrored": "the mirror image of the table of primary markers fits the reconstructed ones, the table does not",
     "ambiguous": "the primary markers fit the reconstructed ones in several ways",
     "focal": "the pictures contradict the given focal length",
+    "lens": "the pictures contradict the given camera: its lens, principal point or aspect ratio",
     "poses": "the pictures contradict the given poses",
     "unconnected": "the pictures with the primary markers are not connected",
     "adjustment": "the adjustment of all pictures together failed",
@@ -35,7 +36,7 @@ CAUSES = {
 """Every cause of a `NotReconstructed`, in words."""
 Cause = Literal[
     "too_few", "no_pair", "baseline", "few_primaries", "line", "not_found", "mirrored", "ambiguous", "focal",
-    "poses", "unconnected", "adjustment",
+    "lens", "poses", "unconnected", "adjustment",
 ]  # fmt: skip
 
 
@@ -69,6 +70,8 @@ class Reconstruction:
     free_scale : lengths have no unit
     doubts : what the pictures and the table say against it, besides the calibration's
     unrecognised : why primaries have no marker, by name
+    unchecked : how far a camera that is another one than given would carry markers without being noticed, in words;
+        "" where that is little beside their sigmas
     open_spots : of two pictures: spots, by the picture, that have possible partners in the other one, none of which
         stands out; they are in no track
 
@@ -107,6 +110,7 @@ class Reconstruction:
     open_spots: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     doubts: tuple[Doubt, ...] = ()
     unrecognised: Mapping[str, str] = field(default_factory=dict)
+    unchecked: str = ""
 
     def __bool__(self) -> bool:
         return True

@@ -75,10 +75,12 @@ class Structure:
 def adjusted(
     task: Task, structure: Structure, datum: Datum, free: Sequence[str] = (), names: Sequence[str] | None = None,
     table: MarkerSet | None = None, distances: Sequence[Distance] = (),
+    prior_sigma: Mapping[str, float] | None = None,
 ) -> tuple[Structure, Calibration] | NotCalibrated:  # fmt: skip
     """The structure after one adjustment of everything, without the links and points that do not fit.
 
-    ``names`` (N,) are those of the points and ``table`` holds the known ones among them, for the datum. Where there
+    ``names`` (N,) are those of the points and ``table`` holds the known ones among them, for the datum;
+    ``prior_sigma`` is that of free interior parameters round those of the structure's cameras. Where there
     are only two pictures nothing is left out: a point has one observation more than unknowns then, and which of its two
     marks is wrong cannot be known; that links fit was decided by their epipolar distance.
     """
@@ -92,7 +94,7 @@ def adjusted(
     markers = _markers(structure, names, table)
     result = self_calibrate(
         observations, markers, structure.cameras, views, datum=datum, free=free, distances=distances,
-        eccentricity="off", reject=len(task.usable) > 2, seed=task.seed,
+        prior_sigma=prior_sigma, eccentricity="off", reject=len(task.usable) > 2, seed=task.seed,
     )  # fmt: skip
     if isinstance(result, NotCalibrated):
         thin = _undetermined(structure, markers, result) if len(task.usable) == 2 else np.zeros(0, np.int64)
@@ -100,7 +102,7 @@ def adjusted(
             return result
         rest = ~np.isin(structure.point, thin)
         fewer = replace(structure, point=structure.point[rest], view=structure.view[rest], spot=structure.spot[rest])
-        return adjusted(task, fewer, datum, free, names, table, distances)
+        return adjusted(task, fewer, datum, free, names, table, distances, prior_sigma)
     kept = rows_of(markers.name, result)
     xyz = structure.xyz.copy()
     xyz[kept] = result.markers.xyz

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +24,14 @@ FEWEST_SPOTS = 8
 
 
 class Refused(Exception):
-    """The data say no: cause and reason of a `NotReconstructed`; ``alone`` are views that share too little."""
+    """The data say no: cause and reason of a `NotReconstructed`.
 
-    def __init__(self, cause: str, reason: str, alone: Sequence[int] = ()) -> None:
+    ``alone`` are views that share too little; ``nearly`` are the primaries (a `Located`) that might be the right ones.
+    """
+
+    def __init__(self, cause: str, reason: str, alone: Sequence[int] = (), nearly: Any = None) -> None:
         super().__init__(reason)
-        self.cause, self.reason, self.alone = cause, reason, tuple(alone)
+        self.cause, self.reason, self.alone, self.nearly = cause, reason, tuple(alone), nearly
 
 
 @dataclass(frozen=True)
