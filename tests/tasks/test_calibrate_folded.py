@@ -40,7 +40,7 @@ def calibrated(fold_deg, count=6):
 
 
 @pytest.mark.parametrize(
-    "fold_deg", [1.0, pytest.param(6.0, marks=pytest.mark.slow), pytest.param(-15.0, marks=pytest.mark.slow)]
+    "fold_deg", [1.0, pytest.param(6.0, marks=pytest.mark.slow), pytest.param(-6.0, marks=pytest.mark.slow)]
 )
 def test_a_folded_board_is_the_reason(fold_deg):
     out, pictures = calibrated(fold_deg)
