@@ -111,7 +111,8 @@ def test_jobs_count_their_pictures(tmp_path, sheet_image, windmark, monkeypatch)
         def __exit__(self, *_):
             return None
 
-    monkeypatch.setattr(progress_room, "progress", Heard)
+    for verb in ("detect", "undistort", "align"):
+        monkeypatch.setattr(f"windmark.app.{verb}_verb.progress", Heard)
     for words in (("detect", *files, "-r", 4, "-o", tmp_path / "d.csv"),
                   ("undistort", *files, "-c", tmp_path / "c.json", "-o", tmp_path / "u"),
                   ("align", *files, "-r", 4, "--max-shift-px", 20, "-o", tmp_path / "aligned")):  # fmt: skip
