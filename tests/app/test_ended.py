@@ -84,18 +84,22 @@ def test_ctrl_c_amid_a_kernel_is_no_fault_of_windmark():
     _long(3)
     before = signal.signal(signal.SIGINT, cli._ended)
     ctrl_c = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
+    woken, late = threading.Event(), threading.Timer(8, lambda: None)
     try:
+        late.start()
         ctrl_c.start()
         with pytest.raises(KeyboardInterrupt):
-            _run_and_wait(60_000_000)
+            _run_and_wait(60_000_000, woken)
+        assert late.is_alive(), "the wait behind the kernel went on to its end"
     finally:
+        late.cancel()
         ctrl_c.join()
         signal.signal(signal.SIGINT, before)
 
 
-def _run_and_wait(n):
+def _run_and_wait(n, woken):
     _long(n)
-    time.sleep(10)  # the signal is sent again a moment after the kernel
+    woken.wait(10)  # the signal is sent again a moment after the kernel, and wakes up what waits for a lock
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the signal is one of POSIX")

@@ -214,12 +214,22 @@ def _open_closed_streams() -> None:
 def _ended(number: int, frame: FrameType | None) -> None:
     """A user, a queue, a closing machine or terminal asks us to stop: as Ctrl-C does, with everything tidied up."""
     if _hands_over(frame):
-        threading.Timer(0.01, _thread.interrupt_main, (number,)).start()
+        threading.Timer(0.01, _again, (signal.Signals(number),)).start()
         return
     if number == getattr(signal, "SIGHUP", None):
         # Shell and kernel may both send it: the second one would break off the tidying up.
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
+
+
+def _again(number: signal.Signals) -> None:
+    """The signal once more, to the main thread: where it waits (for a lock, a picture, a while) it wakes up."""
+    if hasattr(signal, "pthread_kill"):
+        main_thread = threading.main_thread().ident
+        assert main_thread is not None
+        signal.pthread_kill(main_thread, number)
+    else:  # Windows: seen when the wait is over
+        _thread.interrupt_main(number)
 
 
 def _hands_over(frame: FrameType | None) -> bool:
@@ -242,7 +252,7 @@ def _is_numbas(module: str) -> bool:
 def _unraisable(unraisable: sys.UnraisableHookArgs, /) -> None:
     """Ctrl-C that comes while an object is taken away is dropped there: it is sent again, once that is over."""
     if issubclass(unraisable.exc_type, KeyboardInterrupt):
-        threading.Timer(0.01, _thread.interrupt_main).start()
+        threading.Timer(0.01, _again, (signal.SIGINT,)).start()
     else:
         sys.__unraisablehook__(unraisable)
 
