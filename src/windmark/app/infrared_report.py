@@ -91,11 +91,11 @@ def _frames(report: Report, result: InfraredResult) -> None:
         for r in result.records
     ]  # fmt: skip
     report.table(columns, rows, scroll=len(rows) > 15)
-    bad = [r for r in result.records if r.status == FAILED]
-    for words, names in alike((r.key, r.reason) for r in bad).items():
-        report.text(f"{listed('Frame', names)}: {words}", "bad")
-    for words, names in alike((r.key, words) for r in result.records if r not in bad for words in r.remarks).items():
-        report.text(f"{listed('Frame', names)}: {words}", "soft")
+    good = [r for r in result.records if r.status != FAILED]
+    failed = alike((r.key, r.reason) for r in result.records if r.status == FAILED)
+    for said, style in ((failed, "bad"), (alike((r.key, words) for r in good for words in r.remarks), "soft")):
+        for words, names in said.items():
+            report.text(f"{listed('Frame', names)}: {words}", style)
     for remark in result.remarks:
         report.text(remark, "bad")
 

@@ -50,6 +50,11 @@ class Equations:
         task, values = self.solved.task, self.solved.values
         return in_tunnel(task.placed.place(values[LAW]), task.wall, values[MOTION])
 
+    @cached_property
+    def _by_law(self) -> Array:
+        """(P, 3, K) derivative of the markers' places in the model by the laws' parameters."""
+        return np.asarray(self.solved.task.placed.linearise(self.solved.values[LAW])[1])
+
     def moved(self, change: Array) -> Array:
         """(P, 3) displacement of the markers in the model's frame for a change (F,) of all that is free.
 
@@ -58,7 +63,7 @@ class Equations:
         task, values, slices = self.solved.task, self.solved.values, self.solved.problem.slices
         out = np.zeros((len(task.placed.xyz), 3))
         if LAW in slices:
-            out += task.placed.linearise(values[LAW])[1] @ change[slices[LAW]]
+            out += self._by_law @ change[slices[LAW]]
         if MOTION in slices and len(change[slices[MOTION]]):
             turn, shift = change[slices[MOTION]].reshape(2, 3)
             out += (np.cross(turn, self.place) + shift) @ values[MOTION].rotation

@@ -26,8 +26,6 @@ Texts = NDArray[np.str_]
 
 FALSE = 2.5e-4
 """Probability that a pattern is seen where there is none."""
-
-
 ARM = 0.3
 """Part of half a volume's width: markers nearer to its axis tell no twist."""
 

@@ -114,15 +114,15 @@ def _seats(mesh: Mesh, normals: Array) -> Array:
     A node on the edge at which two surfaces meet lies in the other one's plane and would see nothing of it. The middle
     of the triangles of a bulging surface lies below them: from there they would hide everything.
     """
-    count = np.maximum(np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices)), 1)
+    count = np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices))[:, None]
     middle = mesh.vertices[mesh.triangles].mean(axis=1)
     total = np.zeros_like(mesh.vertices)
     for axis in range(3):
         total[:, axis] = np.bincount(mesh.triangles.ravel(), np.repeat(middle[:, axis], 3), len(mesh.vertices))
-    used = np.bincount(mesh.triangles.ravel(), minlength=len(mesh.vertices)) > 0
-    step = np.where(used[:, None], INWARD * (total / count[:, None] - mesh.vertices), 0.0)
-    down = np.minimum(np.einsum("vk,vk->v", step, np.where(np.isfinite(normals), normals, 0.0)), 0.0)
-    return mesh.vertices + step - down[:, None] * normals * (down < 0)[:, None]
+    step = np.where(count > 0, INWARD * (total / np.maximum(count, 1) - mesh.vertices), 0.0)
+    up = np.nan_to_num(normals)
+    down = np.minimum(np.einsum("vk,vk->v", step, up), 0.0)
+    return np.asarray(mesh.vertices + step - down[:, None] * up)
 
 
 def _grouped(mesh: Mesh, most: int) -> Ints:

@@ -48,11 +48,7 @@ def design(kind: str, u: Array, p: Array) -> Array:
         out[:, 0, :3] = out[:, 1, 3:6] = np.column_stack([one, u]) / low[:, None]
         out[:, :, 6:] = -place[:, :, None] * u[:, None, :] / low[:, None, None]
         return out
-    powers = monomials(ORDER[kind], u)
-    count = powers.shape[1]
-    out = np.zeros((len(u), 2, 2 * count))
-    out[:, 0, :count] = out[:, 1, count:] = powers
-    return out
+    return _of_both(monomials(ORDER[kind], u))
 
 
 def slope(kind: str, u: Array, p: Array) -> Array:
@@ -75,9 +71,13 @@ def slope(kind: str, u: Array, p: Array) -> Array:
 def next_terms(kind: str, u: Array) -> Array:
     """(N, 2, Q) the terms of the next order that a kind lacks, one at a time, x's first."""
     order = ORDER.get(kind, 1)
-    powers = monomials(order + 1, u)[:, 1 if kind == "similarity" else len(exponents(order)) :]
+    return _of_both(monomials(order + 1, u)[:, 1 if kind == "similarity" else len(exponents(order)) :])
+
+
+def _of_both(powers: Array) -> Array:
+    """(N, 2, 2 M) derivatives of both coordinates by factors of terms (N, M) of their own, x's first."""
     count = powers.shape[1]
-    out = np.zeros((len(u), 2, 2 * count))
+    out = np.zeros((len(powers), 2, 2 * count))
     out[:, 0, :count] = out[:, 1, count:] = powers
     return out
 

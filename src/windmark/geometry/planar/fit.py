@@ -25,6 +25,8 @@ FLAT = 0.02
 """Width over length of the marks below which they are a line: nothing is known across it."""
 HANGS = 1e-3
 """Part of its own residual that a mark must show: below it the fit goes through this mark whatever it says."""
+UNTOLD = 4e-4
+"""Mean square that terms of the next order must leave at the markers: of less, they tell next to nothing."""
 UNKNOWN_PX = 0.1
 """1 sigma of a mark without a covariance."""
 _ROUNDS, _SETTLED = 40, 1e-10
@@ -157,7 +159,7 @@ def _left_out(
     rest = ((terms - a @ hidden) ** 2).sum(axis=(1, 2))
     square = float(rest.mean()) / 2
     noise = float(np.trace(spread, axis1=1, axis2=2).mean()) / 2 * terms.shape[2] / (2 * len(u))
-    return float(np.sqrt((misfit + noise) / square)) if square > FLAT**2 else 0.0, hidden, float(rest.max())
+    return float(np.sqrt((misfit + noise) / max(square, UNTOLD))), hidden, float(rest.max())
 
 
 def _start(kind: str, u: Array, goal: Array) -> Array:

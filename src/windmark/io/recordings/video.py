@@ -182,13 +182,11 @@ class VideoRecording(Recording):
             self.bits = 8
             return np.ascontiguousarray(frame.to_ndarray(format="gray"))
         depth = max(c.bits for c in frame.format.components)
-        self.bits = depth
-        if kind.startswith("gray") and depth <= 16:
+        grey = kind.startswith("gray") and depth <= 16
+        self.bits = depth if grey or depth <= 8 else 16  # the decoder makes colours of 9 to 16 bits fill the sixteen
+        if grey:
             return _grey_levels(frame, depth)
-        if depth <= 8:
-            return np.ascontiguousarray(frame.to_ndarray(format="rgb24"))
-        self.bits = 16  # the decoder makes colours of 9 to 16 bits fill the sixteen
-        return np.ascontiguousarray(frame.to_ndarray(format="rgb48le"))
+        return np.ascontiguousarray(frame.to_ndarray(format="rgb24" if depth <= 8 else "rgb48le"))
 
     def close(self) -> None:
         """Give the file back."""

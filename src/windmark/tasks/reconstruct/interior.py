@@ -20,6 +20,7 @@ from scipy.special import chdtrc, chdtri, chndtrinc, fdtri
 from windmark.adjust.chance import chance
 from windmark.calibration import Calibration, Distance, Free
 from windmark.calibration.agreement import FALSE
+from windmark.calibration.changed_views import NOTICED
 from windmark.calibration.datum import Datum
 from windmark.geometry import PARAMETERS, Camera
 from windmark.registration.settle.views import doubted_camera
@@ -42,9 +43,6 @@ LIKELY = 0.01
 their sigmas; stated sigmas that are too small explain them as well, and then nothing singles the camera out."""
 MOVES = 1.0
 """Root mean square of the markers' shifts in their sigmas, from which another camera matters."""
-NOTICED, MATTERS = 0.8, 3.0
-"""Probability with which the test finds another camera, or else it goes unnoticed; sigmas by which that must move a
-marker to be said (as in `calibration.changed_views`)."""
 
 
 @dataclass(frozen=True)

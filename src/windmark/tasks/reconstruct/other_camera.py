@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from windmark.calibration import Calibration
+from windmark.calibration.changed_views import MATTERS
 from windmark.errors import g1, g2, g3
 from windmark.geometry import Camera
 from windmark.scene import Doubt
@@ -118,7 +119,7 @@ def _named(thing: str, shown: Shown, given: Camera) -> str:
 def _unchecked(of: Freed, done: Calibration, unit: str) -> str:
     """How far a camera that goes unnoticed may carry a marker, where that is more than its sigma says."""
     reach, times = interior.unnoticed(of, done)
-    if times < interior.MATTERS:
+    if times < MATTERS:
         return ""
     length = f"{g2(reach)} {unit}".rstrip()
     return (
