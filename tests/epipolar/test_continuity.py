@@ -12,6 +12,7 @@ from windmark.epipolar.continuity import (
     Pairs,
     _best_one_to_one,
     _evidence,
+    _has_neighbour,
     _judged,
     _next_best,
     neighbours,
@@ -131,3 +132,9 @@ def test_matches_that_chance_explains_better_leave_and_lone_ones_have_their_line
     lone = _judged(pairs, near, alone)
     assert lone.chosen[3] == (9 if pairs.gain[9] > 0 else -1)
     assert pairs.gain[9] <= 0 or lone.evidence[3] == pairs.gain[9]
+
+
+def test_the_first_candidate_is_a_neighbour_as_any_other_and_none_is_none():
+    near = np.array([[1, -1], [0, 2], [-1, -1]])
+    np.testing.assert_array_equal(_has_neighbour(near, np.array([0, -1, -1])), [False, True, False])
+    np.testing.assert_array_equal(_has_neighbour(near, np.array([-1, 5, -1])), [True, False, False])

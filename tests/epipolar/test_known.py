@@ -103,6 +103,18 @@ def test_prediction_of_a_plane():
     assert (family.chosen >= 0).mean() > 0.9
 
 
+def test_a_baseline_of_uncertain_length_makes_all_depths_uncertain_by_the_same_part():
+    camera, b_from_a, (one, other) = lattice(6, 8)
+    cov = np.zeros((6, 6))
+    cov[3, 3] = (0.01 * 150.0) ** 2
+    pair = Detections.make(one), Detections.make(other), camera, camera, b_from_a
+    exact, rough = match_known_pair(*pair), match_known_pair(*pair, pose_cov=cov)
+    assert len(rough) > 0.9 * len(one)
+    _, i, j = np.intersect1d(exact.spot_a, rough.spot_a, return_indices=True)
+    more = np.sqrt(rough.cov[j, 2, 2] - exact.cov[i, 2, 2])
+    np.testing.assert_allclose(more, 0.01 * exact.xyz[i, 2], rtol=0.02)
+
+
 def test_bad_options():
     camera, spots = Camera((100, 100), 100.0), Detections.make(np.zeros((2, 2)))
     pose = Pose(np.eye(3), np.array([1.0, 0, 0]))
