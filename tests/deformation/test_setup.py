@@ -12,6 +12,7 @@ from windmark.deformation.identify import MOTION, _advice, _unfit
 from windmark.deformation.laws import Hinge
 from windmark.deformation.setup import prepare, start_values
 from windmark.deformation.volumes import Volume, Volumes
+from windmark.errors import UsageError
 
 VOLUMES = Volumes.of(PARTS)
 SPOTS = observed(seen())
@@ -46,6 +47,15 @@ def test_a_calibrated_focal_length_that_is_free_is_held_by_its_sigma(known):
     assert [t.sigma for t in problem.terms if isinstance(t, Prior)] == ([{"focal_px": 3.0}] if known else [])
 
 
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_a_motion_is_known_by_a_covariance_that_is_positive_definite(bad):
+    cov = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, bad])
+    task = task_of(motion_cov=cov)
+    values = start_values(task, None)
+    with pytest.raises(UsageError, match="covariance of motion: must be finite"):
+        task.problem(values, task.eccentricity(values), np.ones(len(SPOTS), bool), Loss())
+
+
 @pytest.mark.parametrize(("focal", "least"), [(False, 2), (["c0"], 3)])
 def test_what_is_known_of_motion_and_poses_counts_with_two_numbers_of_each_spot(focal, least):
     """Four of the laws and three times six are free, of which three times six are known."""
@@ -76,6 +86,6 @@ def test_a_single_marker_has_no_neighbourhood(count):
     volumes = Volumes.of((*PARTS, Volume("flap", hinge, parent="body")))
     wing = np.column_stack([np.linspace(0, 300, 16), np.linspace(0, 600, 16), np.zeros(16)])
     names = np.array(["wing"] * 16 + ["flap"] * count)
-    flap = wing[8 : 8 + count] + np.array([20.0, 0, 0])
+    flap = wing[-count:] + np.array([20.0, 0, -5.0])
     found = _neighbours(volumes.bind(np.concatenate([wing, flap]), names))
     assert found == ((("flap", "wing"),) if count > 1 else ())
