@@ -18,6 +18,7 @@ def test_exact(n):
     h = fit_homography(p, transfer(H, p))
     q = points(20, 1)
     assert np.allclose(transfer(h, q), transfer(H, q), atol=1e-6)
+    assert h[2] @ [*p.mean(axis=0), 1.0] == pytest.approx(1.0)  # in front, and of one size whatever the units
 
 
 def test_least_squares_in_the_picture():
