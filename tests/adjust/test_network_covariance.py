@@ -50,6 +50,9 @@ def test_any_datum_is_that_of_the_bordered_matrix(away):
             np.testing.assert_allclose(got[p], want, rtol=2e-4, atol=1e-6 * np.abs(want).max())
         d = lay.dense
         np.testing.assert_allclose(datum.dense(), expected[:d, :d], rtol=1e-3, atol=1e-6 * np.abs(expected).max())
+        seen = information @ np.random.default_rng(1).normal(size=(len(information), 3))  # pictures tell no free motion
+        want = expected @ seen
+        np.testing.assert_allclose(datum.through(seen), want, atol=1e-4 * np.abs(want).max())
 
 
 @pytest.mark.parametrize("away", ["points", "frames"])

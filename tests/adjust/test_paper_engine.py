@@ -71,3 +71,10 @@ def test_it_never_steps_where_there_is_no_prediction(scene):
 def test_options_are_checked(bad):
     with pytest.raises(ValueError, match=next(iter(bad))):
         PaperOptions(**bad)
+
+
+def test_a_single_try_and_a_single_pass_are_allowed(scene):
+    s = scene(3)
+    problem, start = pose_problem(s.camera, s.start(), s.xyz, s.xy)
+    report = minimise_by_steps(problem, start, PaperOptions(tries=1, max_passes=1))[1]
+    assert report.evaluations == 1 + 6

@@ -117,3 +117,16 @@ def test_problem_gradient_is_the_derivative_of_the_cost(scene, loss):
         for b in basis.T
     ]
     np.testing.assert_allclose(system.gradient, numeric, atol=1e-6 * np.abs(system.gradient).max())
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize(("part", "good"), [(1e-11, True), (1e-7, False)])
+def test_covariances_are_symmetric_to_a_part_of_their_own_size(size, part, good):
+    """Rounding of large numbers is no asymmetry, and one of small numbers is none the less."""
+    cov = size * np.array([[[2.0, 0.5], [0.5 + part, 1.0]]])
+    if good:
+        w = whitener(cov, 1)[0]
+        np.testing.assert_allclose(w @ cov[0] @ w.T, np.eye(2), atol=1e-9)
+    else:
+        with pytest.raises(ValueError, match="symmetric"):
+            whitener(cov, 1)

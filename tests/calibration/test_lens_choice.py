@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from windmark.calibration import Free, self_calibrate
+from windmark.calibration import Free, lens_choice, self_calibrate
 from windmark.calibration.lens_choice import (
     GROSS,
     _log_evidence,
@@ -159,3 +159,14 @@ def test_evidence_is_the_likelihood_and_half_the_logarithm_of_the_numbers_for_ea
     without = tried_on(squares[:3], 5)
     without.cameras["c"] = Camera((100, 80), 90.0)
     assert _log_evidence(without, 1.0, 3) == pytest.approx(-0.5 * 5.5)
+
+
+@pytest.mark.parametrize(("ahead", "first"), [(9.0, "brown"), (11.0, "fisheye")])
+def test_another_lens_is_taken_only_where_it_leads_browns_by_ten_nats(monkeypatch, ahead, first):
+    """Among the others nothing but the evidence counts."""
+    monkeypatch.setattr(lens_choice, "Calibration", SimpleNamespace)
+    monkeypatch.setattr(lens_choice, "_log_evidence", lambda result, noise, marks: result.told)
+    told = {"rational": ahead - 1.0, "brown": 0.0, "fisheye": ahead}
+    tried = judged({lens: SimpleNamespace(sigma0=1.0, told=-70.0 + t) for lens, t in told.items()}, 100)
+    assert tried[0].lens == first
+    assert [t.lens for t in tried if t.lens != "brown"] == ["fisheye", "rational"]

@@ -1,9 +1,13 @@
 """A focal length from nothing: right where it can be known, refused where it cannot."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from windmark.adjust import Loss
 from windmark.calibration import start_focal
+from windmark.calibration.focal_fit import problem_of
 from windmark.calibration.start_focal import zhang_focal
 from windmark.geometry import Camera, Pose
 from windmark.geometry.two_view.homography import fit_homography
@@ -137,3 +141,16 @@ def test_wrong_input_is_named(views, word):
         start_focal(views, SIZE)
     with pytest.raises(ValueError, match="max_sigma"):
         start_focal([], SIZE, max_sigma=0.0)
+
+
+def test_two_hundredths_of_the_size_and_a_twentieth_of_the_corner_are_one_sigma_of_a_start():
+    """Each alone adds half of its square to the cost; the corner's distortion is k1 r^2 of its distance."""
+    camera, pose = Camera(SIZE, 1800.0), Pose(np.eye(3), np.array([0.0, 0.0, 5.0]))
+    xyz = np.random.default_rng(1).uniform(-1, 1, (20, 3))
+    view = (pose, camera.project(pose.apply(xyz))[0], xyz)
+    problem, state = problem_of(camera, [view], 0.1, Loss())
+    assert problem.prior_cost(state) == pytest.approx(0.0, abs=1e-12)
+    corner = (1000.0**2 + 750.0**2) / 1800.0**2
+    for off in ({"cx": camera.cx + 0.02 * 2000}, {"cy": camera.cy - 0.02 * 1500}, {"k1": 0.05 / corner}):
+        other = replace(state, cameras=(replace(camera, **off),))
+        assert problem.prior_cost(other) == pytest.approx(0.5, rel=1e-6)

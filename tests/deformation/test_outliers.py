@@ -9,7 +9,7 @@ from windmark.deformation.outliers import FALSE, MEDIAN, critical, scale_of
 from windmark.deformation.outliers import test_left_out as value_left_out
 from windmark.deformation.outliers import test_used as value_used
 from windmark.deformation.setup import prepare, start_values
-from windmark.deformation.solve import FINE, free_names, sighting, solve
+from windmark.deformation.solve import FINE, _many_gross, free_names, sighting, solve
 from windmark.deformation.volumes import Volumes
 
 
@@ -56,3 +56,11 @@ def test_limits_are_those_of_chi_square_with_two_degrees_of_freedom():
     for count in (1, 50, 400):
         assert count * np.exp(-critical(count) / 2) == pytest.approx(FALSE)
     assert critical(0) == critical(1)
+
+
+def test_one_gross_error_is_left_to_single_tests_and_two_are_not():
+    test = np.random.default_rng(7).chisquare(2, 200).clip(max=9.0)
+    for gross, many in ((0, False), (1, False), (2, True)):
+        test[:gross] = 1e4
+        assert _many_gross(test, 20.0) == many
+    assert _many_gross(np.minimum(10 * test[2:], 19.0), 20.0)  # most are too large: it is not a few spots

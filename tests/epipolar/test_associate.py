@@ -5,6 +5,7 @@ import pytest
 import reconstruct_scenes as scenes
 
 from windmark.epipolar import WHY, associate
+from windmark.epipolar.associate import PASSES
 from windmark.geometry import Pose, align
 from windmark.scene import Detections
 
@@ -41,6 +42,7 @@ def test_poses_and_points_improve():
     sigma = np.sqrt(np.diagonal(result.cov, axis1=1, axis2=2))
     assert 0.7 < np.sqrt(((error / sigma) ** 2).mean()) < 1.5
     assert np.sqrt((result.residuals**2).mean()) < 0.12
+    assert result.passes < PASSES  # the links have settled
     assert np.sqrt(np.diagonal(result.pose_cov, axis1=1, axis2=2))[:, :3].max() < 0.2 * np.radians(0.2)
 
 

@@ -11,6 +11,8 @@ from windmark.epipolar.constellation.patches import (
     GROW_TOLERANCE,
     LEAST_MET,
     LN_MET,
+    NEAR_A,
+    NEAR_B,
     NOISE_PX,
     TESTED,
     Neighbours,
@@ -184,3 +186,12 @@ def test_evidence_is_chance_of_the_hits_and_what_hits_and_misses_say(width):
     few = np.full(60, -1)
     few[some[:FREE]] = match[some[:FREE]]
     assert weigh(near, few, width, inside, 500).log10_nfa == np.inf
+
+
+@pytest.mark.parametrize("count", [1, 2, 9, 40])
+def test_neighbours_are_the_nearest_other_spots_of_the_same_picture(count):
+    a, b = np.random.default_rng(count).uniform(0, 100, (2, count, 2))
+    near = Neighbours.of(a, b)
+    for xy, table, most in ((a, near.na, NEAR_A), (b, near.nb, NEAR_B)):
+        nearest = np.linalg.norm(xy[:, None] - xy[None], axis=2).argsort(axis=1)[:, 1 : most + 1]
+        np.testing.assert_array_equal(table, nearest)

@@ -12,11 +12,14 @@ from windmark.epipolar.continuity import (
     Pairs,
     _best_one_to_one,
     _evidence,
+    _has_neighbour,
     _judged,
     _next_best,
+    grow_family,
     neighbours,
     predict,
 )
+from windmark.epipolar.given import _fits_itself
 
 
 def candidates(seed=0, spots=25, each=3):
@@ -131,3 +134,27 @@ def test_matches_that_chance_explains_better_leave_and_lone_ones_have_their_line
     lone = _judged(pairs, near, alone)
     assert lone.chosen[3] == (9 if pairs.gain[9] > 0 else -1)
     assert pairs.gain[9] <= 0 or lone.evidence[3] == pairs.gain[9]
+
+
+def test_the_first_candidate_is_a_neighbour_as_any_other_and_none_is_none():
+    near = np.array([[1, -1], [0, 2], [-1, -1]])
+    np.testing.assert_array_equal(_has_neighbour(near, np.array([0, -1, -1])), [False, True, False])
+    np.testing.assert_array_equal(_has_neighbour(near, np.array([-1, 5, -1])), [True, False, False])
+
+
+@pytest.mark.parametrize(("gain", "itself"), [(12.0, True), (2.0, False)])
+def test_a_pattern_fits_itself_where_a_shift_of_it_has_much_of_its_evidence(gain, itself):
+    """Every spot has its own partner, and its neighbour's at another depth; what that says depends on its lines."""
+    xy = 0.05 * np.stack(np.meshgrid(np.arange(6.0), np.arange(5.0)), axis=-1).reshape(-1, 2)
+    own = np.arange(30)
+    first, shifted = np.repeat(own, 2), np.tile([False, True], 30)
+    inverse = np.where(shifted, 3e-3, 1e-3)
+    pairs = Pairs(
+        first, np.where(shifted, (first + 1) % 30, first), inverse, np.full(60, 1e-5), np.where(shifted, gain, 12.0),
+        xy, 1e-4,
+    )  # fmt: skip
+    near = neighbours(xy)
+    family = grow_family(pairs, near, np.array([28]))
+    np.testing.assert_array_equal(family.chosen, 2 * own)
+    assert (grow_family(pairs, near, np.array([29])).chosen == 2 * own + 1).mean() > 0.8
+    assert _fits_itself(pairs, near, family) == itself

@@ -88,6 +88,17 @@ def test_given_matches_decide_on_a_pattern_cut_by_the_pictures_and_wrong_ones_ar
     np.testing.assert_array_equal(number[0][result.spot_a], number[1][result.spot_b])
 
 
+@pytest.mark.parametrize(("second", "open_"), [(30, False), (31, True)])
+def test_what_contradicts_a_given_match_stays_open_where_given_ones_contradict_each_other(second, open_):
+    """Of two that cannot both be right none is known to be wrong, and what grows without them is against one."""
+    camera, b_from_a, views = lattice(6, 8)
+    spots = [Detections.make(xy) for xy in views]
+    assert len(match_known_pair(*spots, camera, camera, b_from_a)) > 40
+    found = match_known_pair(*spots, camera, camera, b_from_a, given=[(10, 10), (30, second)])
+    assert len(found) == 0 if open_ else len(found) > 40
+    assert not found.contradicted.any()
+
+
 def test_prediction_of_a_plane():
     """Inverse depth of a plane is affine: predicted from neighbours, with a variance that holds."""
     rng = np.random.default_rng(0)
@@ -101,6 +112,18 @@ def test_prediction_of_a_plane():
     assert np.isinf(nobody).all()
     family = grow_family(pairs, neighbours(xy), 5)
     assert (family.chosen >= 0).mean() > 0.9
+
+
+def test_a_baseline_of_uncertain_length_makes_all_depths_uncertain_by_the_same_part():
+    camera, b_from_a, (one, other) = lattice(6, 8)
+    cov = np.zeros((6, 6))
+    cov[3, 3] = (0.01 * 150.0) ** 2
+    pair = Detections.make(one), Detections.make(other), camera, camera, b_from_a
+    exact, rough = match_known_pair(*pair), match_known_pair(*pair, pose_cov=cov)
+    assert len(rough) > 0.9 * len(one)
+    _, i, j = np.intersect1d(exact.spot_a, rough.spot_a, return_indices=True)
+    more = np.sqrt(rough.cov[j, 2, 2] - exact.cov[i, 2, 2])
+    np.testing.assert_allclose(more, 0.01 * exact.xyz[i, 2], rtol=0.02)
 
 
 def test_bad_options():

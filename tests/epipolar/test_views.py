@@ -33,6 +33,16 @@ def test_borders_are_the_outer_edges_of_the_outermost_pixels():
     assert two.high[1, 0] > two.high[0, 0]  # each view has its own camera's
 
 
+def test_borders_of_a_lens_are_met_at_the_middle_of_the_edges():
+    """Where the corners are imaged farther out than a pinhole's, the edges' middles see farthest."""
+    camera = Camera((640, 480), 800.0, k1=0.4)
+    stand, _ = made(camera=camera)
+    low = camera.unproject([[-0.5, camera.cy], [camera.cx, -0.5]])
+    high = camera.unproject([[639.5, camera.cy], [camera.cx, 479.5]])
+    np.testing.assert_allclose(stand.low, np.tile([low[0, 0], low[1, 1]], (4, 1)), rtol=1e-3)
+    np.testing.assert_allclose(stand.high, np.tile([high[0, 0], high[1, 1]], (4, 1)), rtol=1e-3)
+
+
 def test_depths_are_those_where_the_lines_of_sight_meet_and_span_to_both_sides():
     stand, depth = made()
     np.testing.assert_allclose(depth, np.linalg.norm(EYES - TARGET, axis=1), rtol=0.02)

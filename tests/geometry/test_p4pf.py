@@ -174,6 +174,7 @@ def test_bad_input_is_named():
         p4pf(xy, xyz * np.array([1, 1, np.nan]))
     with pytest.raises(ValueError, match="max_rms_px"):
         p4pf(xy, xyz, max_rms_px=0)
-    with pytest.raises(ValueError, match="focal_range_px"):
-        p4pf(xy, xyz, focal_range_px=(100, 50))
+    for wrong in ((0.0, 100.0), (300.0, 300.0), (300.0, 100.0), (100.0, np.inf), (np.nan, 100.0)):
+        with pytest.raises(ValueError, match="focal_range_px"):
+            p4pf(xy, xyz, focal_range_px=wrong)
     assert FocalPose._fields == ("focal_px", "pose", "rms_px", "focal_sigma_px")

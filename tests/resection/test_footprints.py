@@ -112,3 +112,13 @@ def test_sizes_that_do_not_fit_are_refused(seen):
         fit(seen, np.zeros((5, 5)))
     with pytest.raises(ValueError, match="121 nodes"):
         footprints(map_pixels(seen[0], CAMERA, OBLIQUE), see_nodes(plate(5), CAMERA, OBLIQUE))
+
+
+def test_the_noise_of_nodes_is_that_of_pixels_in_their_unit(seen):
+    """Values of another unit: every variance, that of a bend with it, has the unit's square."""
+    x, y = places()
+    image = 50 + 0.002 * (x - 120) ** 2 + 0.001 * (y - 90) ** 2
+    one, other = fit(seen, image, 0.3), fit(seen, 5 * image, 25 * 0.3)
+    np.testing.assert_allclose(other.value, 5 * one.value)
+    np.testing.assert_allclose(other.bent, 5 * one.bent, atol=1e-9)
+    np.testing.assert_allclose(other.variance, 25 * one.variance)

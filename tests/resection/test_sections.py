@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from windmark.geometry import Camera
-from windmark.resection import map_pixels, sample_line, section
+from windmark.resection import map_pixels, sample_line, section, surface_line
 from windmark.resection.chains import chain_segments, weld
 from windmark.scene import Mesh
 
@@ -145,6 +145,7 @@ class TestSampleLine:
         np.testing.assert_allclose(got.values, 10 + got.xyz[:, 0] + 3 * got.xyz[:, 1] ** 2, atol=2e-3)
         back = sample_line(self.painted(mesh, pose), self.camera, pose, mesh, end, start, n=50)
         np.testing.assert_allclose(back.values, got.values[::-1], atol=1e-5)
+        assert len(surface_line(mesh, start, end).arc) == 200  # as of `sample_line`
 
     def test_over_the_edge_of_a_box_the_short_way(self):
         mesh, pose = box(9), looking_at([2.5, -2.0, 4.0])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from windmark.scene import Block, Mesh, structured_triangles
-from windmark.scene.doubled import doubled, doubled_zones, part_of
+from windmark.scene.doubled import Doubled, doubled, doubled_zones, part_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "paint"))
 from paint_shapes import box, plate, sphere
@@ -116,3 +116,11 @@ def test_of_a_part_of_a_surface_that_is_there_once_nothing_is_looked_for():
     found = doubled(part_of(twice, twice.volume == "wing"))
     assert found.extra.sum() == pytest.approx(12.0)
     assert not doubled(part_of(twice, twice.volume == "flap"))
+
+
+def test_what_lies_upon_the_first_triangle_counts_as_all_else():
+    """A large flap upon a triangle of the wing that is many times as large, and two lesser ones upon each other."""
+    mesh = together(*[plate(2, 2)] * 4, names=("wing", "flap", "slat", "tail"))
+    upon = np.array([2, -1, 0, -1, 6, -1, 4, -1])
+    found = Doubled(np.array([0.1, 0, 3.0, 0, 1.0, 0, 1.0, 0]), upon)
+    assert doubled_zones(mesh, found).startswith("wing lies upon flap")

@@ -43,3 +43,9 @@ def test_bits_that_no_level_has_are_unused(times):
 def test_few_levels_and_no_whole_numbers_tell_little_of_their_bits():
     assert unused_bits(np.full((40, 40), 96, np.uint8)) == (0, 5)
     assert unused_bits(picture(10_000).astype(float)) == (0, 8)
+
+
+@pytest.mark.parametrize(("count", "least"), [(19, 0), (20, 4)])
+def test_twenty_levels_are_enough_to_tell_unused_bits(count, least):
+    levels = 16 * (1 + np.arange(count, dtype=np.uint16))
+    assert unused_bits(levels.repeat(50).reshape(count, 50)) == (least, 4)

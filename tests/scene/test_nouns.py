@@ -149,3 +149,11 @@ def test_places_are_not_cut_anew():
         MarkerSet.make(list("abc"), np.zeros((3, 2)))
     with pytest.raises(ValueError, match=r"xyz must be \(2, 3\) for 2 names, got \(3, 2\)"):
         MarkerSet.make(list("ab"), np.zeros((3, 2)))
+
+
+def test_spots_from_centres_alone_have_no_flags_and_nothing_else_that_was_not_said():
+    spots = Detections.make([[1, 2], [3, 4]])
+    np.testing.assert_array_equal(spots.flags, 0)
+    np.testing.assert_allclose(spots.cov, np.tile(0.1**2 * np.eye(2), (2, 1, 1)))
+    for name in ("merit", "radius_px", "axes_px", "angle", "depth"):
+        assert np.isnan(getattr(spots, name)).all()

@@ -131,8 +131,8 @@ def equations_of(solved: Solved) -> Equations:
     through, inner = solved.covariance.quadratic(cross.reshape(len(cross), -1))
     every = -inner.reshape(len(views), 3, len(views), 3)
     first = marks.starts[views]
-    power = np.add.reduceat(np.einsum("oik,oil->okl", b, b), first) if len(views) else np.zeros((0, 3, 3))
-    score = np.add.reduceat(np.einsum("oik,oi->ok", b, r), first) if len(views) else np.zeros((0, 3))
+    power = np.add.reduceat(np.einsum("oik,oil->okl", b, b), first)
+    score = np.add.reduceat(np.einsum("oik,oi->ok", b, r), first)
     every[n, :, n] += power
     through = through.reshape(-1, *cross.shape[1:])
     return Equations(views, problem.layout.columns.change[views] >= 0, power, score, cross, through, every)

@@ -47,6 +47,14 @@ def test_chance_on_a_line_is_that_of_draws():
     assert drawn.mean() < got < 2.2 * drawn.mean()
 
 
+def test_chance_on_a_line_is_the_gates_width_times_the_diagonal_over_the_area():
+    """Level lines, by a shift to the side, one for each point: no wrong partner agrees, and the width alone counts."""
+    place = np.column_stack([np.linspace(0, 3, 7), np.linspace(0, 4, 7), np.ones(7)])
+    cov = np.tile(1e-3**2 * np.eye(2), (7, 1, 1))
+    got = choice.chance_on_line(Pose(np.eye(3), np.array([1.0, 0, 0])), Pairs(place, place, cov, cov))
+    assert got == pytest.approx(2 * np.sqrt(GATE_LINE) * np.sqrt(2) * 1e-3 * 5 / 12)
+
+
 def test_chance_at_a_point_is_that_of_draws():
     pairs, h = seen(sigma=0.01), np.eye(3)
     h[:2, 2] = (pairs.b - pairs.a)[:, :2].mean(axis=0)

@@ -128,3 +128,15 @@ def test_bad_input(scene):
         estimate(s, cov_b=np.zeros((2, 2)))
     with pytest.raises(ValueError, match="xy_a and xy_b"):
         estimate_two_view(s.xy_a, s.xy_b[:5], s.camera_a)
+
+
+def test_without_covariances_wrong_pairs_are_judged_by_the_estimated_noise(scene):
+    """Pairs two pixels off their lines are within the gate of noise of a pixel, and far beyond that of this noise."""
+    s = scene(seed=6, sigma=0.03)
+    along = s.camera_b.project(s.b_from_a.apply(1.01 * s.xyz_a))[0] - s.camera_b.project(s.b_from_a.apply(s.xyz_a))[0]
+    across = along[:8, ::-1] * [1.0, -1.0]
+    s.xy_b[:8] += 2.0 * across / np.linalg.norm(across, axis=1, keepdims=True)
+    view = estimate(s, cov_a=None, cov_b=None)
+    assert not view.inliers[:8].any()
+    assert view.inliers[8:].mean() > 0.9
+    assert view.sigma0 == pytest.approx(0.03, rel=0.25)

@@ -18,6 +18,7 @@ def test_exact(n):
     h = fit_homography(p, transfer(H, p))
     q = points(20, 1)
     assert np.allclose(transfer(h, q), transfer(H, q), atol=1e-6)
+    assert h[2] @ [*p.mean(axis=0), 1.0] == pytest.approx(1.0)  # in front, and of one size whatever the units
 
 
 def test_least_squares_in_the_picture():
@@ -53,3 +54,21 @@ def test_two_fifths_wrong():
     assert near[wrong].sum() <= 1
     assert np.allclose(transfer(h, p)[~wrong], q[~wrong], atol=2.0)
     assert robust_homography(p, rng.uniform(0, 1000, (60, 2)), 0.5, rng) is None
+
+
+@pytest.mark.parametrize("right", [60, 30])
+def test_quadruples_are_drawn_until_one_without_a_wrong_pair_is_as_good_as_certain(right):
+    """The least n with (1 - part^4)^n < 1e-4; a single one where all pairs are right."""
+    p, rng = points(60), np.random.default_rng(4)
+    q = transfer(H, p)
+    q[right:] += rng.uniform(100, 300, (60 - right, 2))
+    drawn = []
+
+    class Counted:
+        def choice(self, *args, **options):
+            drawn.append(rng.choice(*args, **options))
+            return drawn[-1]
+
+    assert robust_homography(p, q, 2.0, Counted())[1][:right].all()
+    fails = 1 - (right / 60) ** 4
+    assert fails ** len(drawn) <= 1e-4 < fails ** (len(drawn) - 1)

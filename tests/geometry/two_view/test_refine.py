@@ -132,3 +132,17 @@ def test_what_cannot_be_refined(scene):
         relative_pose_refine(s.b_from_a, *same, s.camera_a, s.camera_b)
     with pytest.raises(ValueError, match="cov_a"):
         refine_essential(s.b_from_a, s.xy_a, s.xy_b, np.eye(3))
+
+
+@pytest.mark.parametrize("count", [4, 5])
+def test_five_pairs_are_enough_and_four_are_not(scene, count):
+    """A relative pose has five freedoms, and each pair tells one."""
+    s = scene(seed=2)
+    pairs = s.xy_a[:count], s.xy_b[:count], s.camera_a, s.camera_b
+    if count < 5:
+        with pytest.raises(DegenerateGeometry, match="at least five pairs"):
+            relative_pose_refine(s.unit, *pairs)
+        return
+    found = relative_pose_refine(s.unit, *pairs)
+    assert found.b_from_a.angle_to(s.unit) < 1e-6
+    np.testing.assert_allclose(found.distance, 0.0, atol=1e-6)
