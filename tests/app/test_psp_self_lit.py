@@ -58,6 +58,7 @@ def test_light_that_the_model_throws_on_itself_is_taken_off_and_said(windmark, t
         assert done.code == 0, done.err
         fields[name] = io.read_nodes_netcdf(tmp_path / name / "p02" / "fields.nc")[1]
         records[name] = done.json["results"][0]
+        assert any("no [self_illumination] is given" in r for r in done.json["remarks"]) == (name == "left")
     true = io.read_nodes_netcdf(tmp_path / "truth" / "p02.nc")[1]
     change = fields["off"]["self_illumination"]
     corner = (np.abs(change - 1) > MATTERS) & np.isfinite(fields["left"]["cp"]) & np.isfinite(fields["off"]["cp"])

@@ -51,13 +51,14 @@ class FormFactors:
         return np.asarray(self.matrix.sum(axis=1)).ravel()
 
 
-def form_factors(mesh: Mesh, *, facets: int = FACETS) -> FormFactors:
+def form_factors(mesh: Mesh, *, facets: int = FACETS, nodes: Ints | None = None) -> FormFactors:
     """Form factors of every node towards the facets of its own mesh.
 
     Parameters
     ----------
     mesh : triangles counter-clockwise from the air
     facets : how many groups of triangles at most; more are finer where surfaces meet, and take longer in proportion
+    nodes : indices, in order, of those that are asked for; the others' rows are empty. None: all
 
     Raises
     ------
@@ -96,15 +97,21 @@ def form_factors(mesh: Mesh, *, facets: int = FACETS) -> FormFactors:
     groups = _halved(corners[order].reshape(t, 3, 3), np.searchsorted(own[order], np.arange(count + 1)))
     normals = mesh.vertex_normals()
     points = _seats(mesh, normals)
+    asked = np.arange(len(normals)) if nodes is None else np.asarray(nodes)
     parts = []
-    for k in range(0, len(normals), BLOCK):
-        rows = slice(k, k + BLOCK)
-        out = np.empty((len(normals[rows]), count))
+    for k in range(0, len(asked), BLOCK):
+        rows = asked[k : k + BLOCK]
+        out = np.empty((len(rows), count))
         gather(points[rows], normals[rows], 1e-5 * mesh.size, count, *groups, order, tree.boxes, tree.leaves, LEAF,
                corners, own, out)  # fmt: skip
         out[out < LEAST] = 0.0
         parts.append(csr_array(out))
-    return FormFactors(vstack(parts).tocsr(), facet, _share(mesh, facet, count))
+    matrix = vstack(parts).tocsr()
+    if nodes is not None:
+        filled = np.zeros(len(normals) + 1, np.int64)
+        filled[asked + 1] = np.diff(matrix.indptr)
+        matrix = csr_array((matrix.data, matrix.indices, np.cumsum(filled)), shape=(len(normals), count))
+    return FormFactors(matrix, facet, _share(mesh, facet, count))
 
 
 def _seats(mesh: Mesh, normals: Array) -> Array:

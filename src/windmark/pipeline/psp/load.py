@@ -28,7 +28,7 @@ from windmark.pipeline.psp.table import PointRow, SensorTable, read_points_table
 from windmark.pipeline.results import FramedView
 from windmark.pipeline.typed import nearest
 from windmark.scene import Mesh
-from windmark.tasks.psp import Lamp, Reflecting
+from windmark.tasks.psp import Lamp, Reflecting, left_words
 
 Array = NDArray[np.float64]
 
@@ -117,6 +117,8 @@ def _load(project: PspProject) -> PspTest:
     if not project.lamp and not all("reference" in row.channels for row in rows):
         remarks.append("no [[lamp]] is given: light that changes because the model moves in it is neither corrected "
                        "nor in any sigma")  # fmt: skip
+    if project.self_illumination is None:
+        remarks += left_words(deforming.mesh)
     polygons = () if project.patches.polygons is None else read_polygons(project.patches.polygons, lengths)
     places = [on_grid(entry, part, deforming.mesh) for entry, part in
               zip(project.place, read_lists(project.place, lengths), strict=True)]  # fmt: skip

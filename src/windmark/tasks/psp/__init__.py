@@ -10,14 +10,14 @@ from windmark.tasks.psp.ratios import CameraRatio, MergedRatio, ratio_of
 from windmark.tasks.psp.reduce import PointTask, ReducedPoint, no_patches, reduce_point
 from windmark.tasks.psp.sampling import ModelPicture, Patches, Sampling, moved_grid, sample_picture
 from windmark.tasks.psp.scatter import Scatter
-from windmark.tasks.psp.self_lit import Change, Reflecting
+from windmark.tasks.psp.self_lit import Change, Reflecting, left_words
 from windmark.tasks.psp.taps import EITHER_SIDE, OFF_GRID, UNSEEN, Readings, TapTable, field_at
 
 __all__ = [
     "BadPicture", "CameraRatio", "Change", "EITHER_SIDE", "Lamp", "MergedRatio", "ModelPicture", "OFF_GRID", "Patches",
     "PointTask", "Readings", "ReducedPoint", "Reference", "Reflecting", "Sampling", "Scatter", "SectionWanted",
-    "SurfaceSection", "TapTable",
-    "UNSEEN", "UNSEEN_SIDE", "as_one_cause", "cut_sections", "field_at", "mach_of", "moved_grid", "no_patches",
+    "SurfaceSection", "TapTable", "UNSEEN", "UNSEEN_SIDE",
+    "as_one_cause", "cut_sections", "field_at", "left_words", "mach_of", "moved_grid", "no_patches",
     "ratio_of", "reduce_point", "sample_picture", "section_loads", "seen_loads", "seen_sides", "shown_areas",
     "two_colours",
 ]  # fmt: skip

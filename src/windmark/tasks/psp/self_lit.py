@@ -12,14 +12,28 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import DataError, g2
-from windmark.paint import FormFactors, NodeField, NotFitted, combined, merge_cameras, remove_self_illumination
+from windmark.errors import DataError, g2, g3
+from windmark.paint import (
+    FormFactors,
+    NodeField,
+    NotFitted,
+    combined,
+    form_factors,
+    merge_cameras,
+    remove_self_illumination,
+)
+from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 
 CAUSE = "self-illumination"
 MOST = 0.9
 """A node of whose light a larger part is that of others says nothing of its own."""
+MUCH = 0.05
+"""Of the hemisphere of a node that surface fills: paint of reflectivity 0.5 throws 2.5 % of its light on it then, most
+of which cancels in the ratio."""
+LOOKED_AT, COARSE = 1000, 50
+"""Nodes, evenly over all of a mesh, and facets that tell whether a model throws light on itself at all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +77,25 @@ class Change:
         if not self.guessed:
             return words
         return f"{words}; no camera sees {g2(100 * self.guessed)} % of the surface: its light was taken as the mean"
+
+
+def left_words(mesh: Mesh) -> list[str]:
+    """What is said of light that the model throws on itself and nobody asked to take off; nothing where it is little.
+
+    How much it is takes the paint's reflectivity, which is not known: said is how much of the model is beside other.
+    """
+    nodes = np.unique(np.linspace(0, len(mesh.vertices) - 1, LOOKED_AT).round().astype(np.int64))
+    filled = form_factors(mesh, facets=COARSE, nodes=nodes).seen[nodes]
+    much = filled > MUCH
+    if not much.any():
+        return []
+    most = int(np.argmax(filled))
+    at = ", ".join(g3(x) for x in mesh.vertices[nodes[most]])
+    return [
+        "no [self_illumination] is given: light that the model throws on itself is neither corrected nor in any sigma; "
+        f"at {g2(100 * float(much.mean()))} % of the grid's nodes other parts of it fill {g2(100 * MUCH)} % of the "
+        f"hemisphere and more, at most {g2(100 * filled[most])} %, near ({at})"
+    ]
 
 
 def own_light(
