@@ -42,6 +42,20 @@ def test_broken_laws_are_refused(function, words):
         checked(function)
 
 
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda xyz, tip: up(xyz, tip * (xyz[:, 1] / xyz[:, 1].max())[:, None] ** 2),
+        lambda xyz, tip: up(xyz, tip * (xyz[:, 0] - xyz[:, 0].mean())[:, None]),
+        lambda xyz, tip: up(xyz, tip * len(xyz)),
+    ],
+)
+def test_a_law_that_scales_itself_by_the_points_it_is_given(function):
+    """It is fitted on markers and used on nodes, where the largest y is another one."""
+    with pytest.raises(LawError, match=r"with tip = .* another place, by [0-9.]+, when other points are not given"):
+        checked(function)
+
+
 def test_a_law_that_changes_from_call_to_call():
     calls = itertools.count()
     with pytest.raises(LawError, match="called again"):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import windmark as wm
 from windmark.deformation import FunctionLaw, LawError, Linear, Numeric, Parameter, function_law, law
 
 XYZ = np.random.default_rng(0).normal(size=(7, 3))
@@ -98,3 +99,27 @@ def test_linear():
     place, by_q = Linear(XYZ, shapes).linearise(np.array([2.0, -1.0]))
     np.testing.assert_allclose(place, XYZ + 2 * shapes[..., 0] - shapes[..., 1])
     assert by_q is shapes
+
+
+def test_where_a_law_ends_one_side_tells_its_derivative():
+    """sqrt(1 - q) has no value beyond q = 1; at its end, and a step before it, it has a slope towards lower q."""
+    function = function_law(lambda xyz, q: xyz + np.emath.sqrt(1 - q).real + (np.nan if q > 0.5 else 0.0), {})
+    bound, step = function.bind(XYZ), function.parameters[0].step
+    for at in (0.5, 0.5 - 0.1 * step):
+        slope = bound.linearise(np.array([at]))[1]
+        assert slope == pytest.approx(np.full((*XYZ.shape, 1), -0.5 / np.sqrt(0.5)), rel=1e-3)
+
+
+def test_a_law_with_numbers_at_its_start_only_is_refused_by_name():
+    """It gave a fault of the eigenvalues."""
+    broken = function_law(lambda xyz, tip: xyz + np.array([0, 0, 1]) * (np.nan if tip else 0.0), {})
+    x, y = (v.ravel() for v in np.meshgrid([0.0, 40.0, 80.0], np.linspace(50.0, 400.0, 8)))
+    markers = wm.MarkerSet.make([f"m{i}" for i in range(24)], np.c_[x, y, 0 * x], volume="wing")
+    camera, pose = wm.Camera((640, 480), 800.0), wm.Pose.look_at([300, 200, 700], [40, 200, 0], [0, 1, 0])
+    xy, _ = camera.project(pose.apply(markers.xyz))
+    seen = wm.Observations(np.zeros(24, dtype=int), np.arange(24), xy, np.tile(0.01 * np.eye(2), (24, 1, 1)))
+    view = wm.View("cam1", cam_from_model=pose)
+    state = wm.identify(seen, markers, [wm.Volume("wing", broken)], camera, [view], free_motion=False)
+    assert not state
+    assert state.weak == ("wing.tip",)
+    assert "no numbers for a small change of wing.tip" in state.reason

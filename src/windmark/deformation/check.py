@@ -1,4 +1,6 @@
-"""Tests of a law before it is trusted with a measurement: shape, finite, continuous, every parameter with an effect."""
+"""Tests of a law before it is trusted with a measurement: shape, finite, continuous, every parameter with an effect,
+each point by itself.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +19,8 @@ JUMP = 0.2
 """Two difference quotients of a smooth law, over a step and over its half, differ by no more than this part."""
 STEPS = (1.0, 0.5, 0.25, 0.125)
 """Changes tried, as part of the largest one; a smooth law's quotients agree better and better."""
+ALONE = 1e-7
+"""Of the points' extent: what a point moves by rounding when it is asked for with others."""
 HALVINGS, LEFT = 24, 0.02
 """A step that a law takes unevenly is halved so many times. What is uneven then is less than this part of what was
 where the law has a kink or rises like a root; where it jumps, it is the jump."""
@@ -39,7 +43,8 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
     Raises
     ------
     LawError
-        When it returns a wrong shape or numbers that are not finite, changes from call to call, or jumps.
+        When it returns a wrong shape or numbers that are not finite, changes from call to call, or jumps, or where a
+        point goes depends on the other points.
     """
     points = np.asarray(xyz, dtype=float)
     label = f"{source or getattr(law, 'source', '')}: law {name or getattr(law, 'name', type(law).__name__)}".lstrip(
@@ -73,6 +78,8 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
             there[j] += part * change
             words = f"with {parameter.name} = {there[j]:.4g} {parameter.unit}".rstrip()
             quotients.append((_called(bound.place(there), points, label, words) - rest) / (part * change))
+            if part == STEPS[0]:
+                _check_alone(law, points, bound.place(there), there, extent, f"{label}: {words}")
         largest = max(float(np.abs(c).max()) for c in quotients)
         if largest * abs(change) < 1e-9 * extent:
             remarks.append(f"{label}: parameter {parameter.name} moves none of the {len(points)} points")
@@ -86,6 +93,25 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
             remarks.append(f"{label}: its slope in {parameter.name} changes near {g3(where)}, close to its start "
                            f"{parameter.start:g}: sigmas hold for one side of that")  # fmt: skip
     return tuple(remarks)
+
+
+def _check_alone(law: Law, points: Array, place: Array, q: Array, extent: float, label: str) -> None:
+    """A law is fitted on markers and used on nodes, stations and taps: one that scales itself by the points it is given
+    (their largest y, their middle) is another one there. Each half of the points, along each axis, tells.
+    """
+    for along in points.T:
+        low = along <= np.median(along)
+        for part in (low, ~low):
+            if not part.any() or part.all():
+                continue
+            off = np.linalg.norm(law.bind(points[part]).place(q) - place[part], axis=1)
+            if not off.max() <= ALONE * extent:
+                worst = points[part][int(np.nanargmax(off))] if np.isfinite(off).any() else points[part][0]
+                raise LawError(
+                    f"{label}: gives the point {worst.tolist()} another place, by {g3(off.max())}, when other points "
+                    "are not given with it: it is fitted on markers and used on the grid. Take lengths from its "
+                    "options (arguments after a *), not from the points"
+                )
 
 
 def _uneven(bound: BoundLaw, q: Array, j: int, change: float, at: tuple[np.intp, ...]) -> tuple[float, bool]:

@@ -82,7 +82,14 @@ class Numeric:
         for j in range(len(q)):
             ahead, behind = q.copy(), q.copy()
             ahead[j], behind[j] = high[j], low[j]
-            out[..., j] = (self.function(ahead) - self.function(behind)) / (high[j] - low[j])
+            a, b = self.function(ahead), self.function(behind)
+            # At the edge of where a law gives numbers (an arcsin near 1) one side tells.
+            if not np.isfinite(a).all():
+                a, ahead = here, q
+            if not np.isfinite(b).all():
+                b, behind = here, q
+            with np.errstate(invalid="ignore"):
+                out[..., j] = (a - b) / (ahead[j] - behind[j])
         return here, out
 
 

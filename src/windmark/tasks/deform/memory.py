@@ -54,15 +54,20 @@ def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:
 
 
 def predicted(memory: Memory, dt: float) -> Deformation:
-    """The state with everything moved on by constant velocity."""
+    """The state with everything moved on by constant velocity; laws stay where they give no place further on."""
     state, v = memory.state, memory.velocity
     poses = {
         n: Pose.exp(dt * v[f"pose {n}"]) @ p if f"pose {n}" in v else p for n, p in state.cam_from_tunnel.items()
     }  # fmt: skip
     motion = state.tunnel_from_model
-    lower, upper = (np.array([getattr(p, side) for p in state.volumes.parameters]) for side in ("lower", "upper"))
+    q = state.q
+    if "law" in v:
+        lower, upper = (np.array([getattr(p, side) for p in state.volumes.parameters]) for side in ("lower", "upper"))
+        on = np.clip(q + dt * v["law"], lower, upper)
+        # An arcsin beyond 1, say; the derivative is of use again in `displaced`.
+        q = on if np.isfinite(state.placed.linearise(on)[0]).all() else q
     return replace(
-        state, q=np.clip(state.q + dt * v["law"], lower, upper) if "law" in v else state.q,
+        state, q=q,
         tunnel_from_model=Pose.exp(dt * v["motion"]) @ motion if "motion" in v else motion, cam_from_tunnel=poses,
     )  # fmt: skip
 
