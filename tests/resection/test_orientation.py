@@ -138,6 +138,21 @@ def test_a_sliver_of_the_other_side_does_not_turn_an_open_sheet():
     assert not same_orientation(orient_outward(lower, cameras=above), lower).any()
 
 
+@pytest.mark.parametrize("radius", [50, 500])
+def test_a_far_field_does_not_join_the_sides_of_a_thin_trailing_edge(radius):
+    """At its scale the last rows of both sides are one place; what was joined was turned for itself."""
+    n = 81
+    x, y = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n)))
+    half, t, far = 5e-5 + 0.02 * (1 - x), structured_triangles(n, n), sphere(10)
+    xyz = np.concatenate([np.c_[x, y, half], np.c_[x, y, -half]])
+    wing = Mesh.make(xyz, np.concatenate([t, t + n * n]))
+    triangles = np.concatenate([wing.triangles, far.triangles + 2 * n * n])
+    both = Mesh.make(np.concatenate([xyz, radius * far.vertices]), triangles)
+    above = [camera_at([0.5, 0.5, 3.0], (0.5, 0.5, 0.0))]
+    alone, beside = (orient_outward(m, cameras=above).triangles[: 2 * len(t)] for m in (wing, both))
+    assert (beside == alone).all()
+
+
 def test_a_body_with_separate_closed_parts_is_outward_without_and_with_cameras():
     """A nacelle in the box of the body, and a patch laid over the body just under its surface, make it no wall."""
     body, nacelle = sphere(30, radius=3.0), sphere(16, radius=0.4, center=(2.6, 2.6, 0))

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 OTHER_SIDE = 3.0
 """Without a normal, a surface that faces the other way within so many times the distance makes the side unclear."""
 _ROUNDING = 1e-5
-"""Part of the mesh's diagonal: a point this near to the surface lies on it, whatever is behind (five-digit files)."""
+"""Part of the mesh's size: a point this near to the surface lies on it, whatever is behind (five-digit files)."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Search:
         n = mesh.triangle_normals()
         length = np.linalg.norm(n, axis=1, keepdims=True)
         self.normal = np.divide(n, length, out=np.zeros_like(n), where=length > 0)
-        self.volume, self.small = np.asarray(mesh.volume), _ROUNDING * mesh.diagonal
+        self.volume, self.small = np.asarray(mesh.volume), _ROUNDING * mesh.size
         real = np.flatnonzero((length[:, 0] > 0) & np.isfinite(self.corners).all(axis=(1, 2)))
         if not len(real):
             raise DataError("nearest_on_surface: the mesh has no triangles")

@@ -29,7 +29,7 @@ _RAYS = 1 << 17
 # thin part its open other side looks out.
 _SLIVER = 0.05
 # Points of the other sheets at which it is asked whether a sheet surrounds them, and how deep inside it they must be,
-# as part of the mesh's diagonal: a patch that is laid over a body may lie a little under its flat triangles.
+# as part of the mesh's size: a patch that is laid over a body may lie a little under its flat triangles.
 _SAMPLES, _DEPTH = 16, 2e-3
 # Part of all directions that it covers, seen from nearly all of them: less is hardly beside it.
 _BESIDE, _NEARLY_ALL = 0.1, 0.9
@@ -53,7 +53,7 @@ def orient_outward(
        them.
     2. What no camera sees, or without any: of a sheet within whose box all others are its air is where they are, as
        inside a test section, closed or not. They are on the side from which it covers a tenth and more of all
-       directions, seen from a little (0.2 % of the mesh's diagonal) beside them, too: a patch laid over a body is on
+       directions, seen from a little (0.2 % of the mesh's size) beside them, too: a patch laid over a body is on
        neither side of it.
     3. Any other sheet is turned so that it encloses positive volume, an open one (a half model) as seen
        from its own centroid.
@@ -64,7 +64,7 @@ def orient_outward(
     outside : (3,) a point in the air. It decides for sheets that enclose nothing (a flat plate) and that no
         camera sees; without it they keep the orientation that most of their area has
     cameras : cameras with their poses (cam_from_model), as they took images of this surface
-    tolerance : distance at which nodes of different blocks are the same; 1e-5 of the mesh's diagonal
+    tolerance : distance at which nodes of different blocks are the same; 1e-5 of the least of `Mesh.sizes`
 
     Returns
     -------

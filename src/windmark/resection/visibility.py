@@ -229,9 +229,11 @@ def hiding_tolerance(tolerance: Tolerance, mesh: Mesh, verb: str) -> float | Arr
 
 
 def checked_tolerance(tolerance: float | None, mesh: Mesh, verb: str) -> float:
-    """The tolerance in length units."""
+    """The tolerance in length units; by default that of the smallest of `Mesh.sizes`: at a far field's scale the two
+    sides of a thin trailing edge would be one.
+    """
     if tolerance is None:
-        return _TOLERANCE * mesh.diagonal
+        return _TOLERANCE * float(mesh.sizes.min(initial=np.inf)) if len(mesh.triangles) else 0.0
     if not 0 <= tolerance < np.inf:
         raise UsageError(f"{verb}: tolerance must be a length >= 0, got {tolerance}")
     return float(tolerance)

@@ -76,7 +76,7 @@ def _cut(rest: Mesh, cp: NodeField, one: SectionWanted, reference: LoadReference
     cut = resection.section(part, one.point, one.normal)
     profile = section_profile(part, cp, cut, reference)
     normal = np.asarray(one.normal, dtype=float) / np.linalg.norm(one.normal)
-    near = np.flatnonzero(np.abs((points - one.point) @ normal) < IN_PLANE * rest.diagonal)
+    near = np.flatnonzero(np.abs((points - one.point) @ normal) < IN_PLANE * rest.size)
     aft = reference.body_axes[0]
     return SurfaceSection(one.name, profile, near, (points[near] @ aft - (cut.xyz @ aft).min()) / profile.chord)
 

@@ -192,7 +192,7 @@ def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) ->
     if wells is not None and len(wells.names):
         return thermocouple_temperature(
             np.where(seen[:, None], rest.vertices, np.nan), wells.xyz, wells.value, sigma=wells.sigma,
-            length=task.wall_length or WALL * rest.diagonal, spread=task.wall_sigma,
+            length=task.wall_length or WALL * rest.size, spread=task.wall_sigma,
             names=wells.names, remarks=remarks,
         )  # fmt: skip
     if task.recovery is None:
@@ -204,7 +204,7 @@ def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) ->
     even = recovery_temperature(task.conditions, count, recovery=task.recovery, t_0_sigma=task.wall_sigma)
     # Real walls differ from recovery by place, too: what feeds heat into them, and where the layer is laminar.
     places = np.where(seen[:, None], rest.vertices, np.nan)
-    return varying(even, places, spread=task.wall_sigma, length=task.wall_length or WALL * rest.diagonal)
+    return varying(even, places, spread=task.wall_sigma, length=task.wall_length or WALL * rest.size)
 
 
 def _why(flags: NDArray[np.uint8], temperature: NodeField, law: SternVolmer | TunnelGain) -> str:
