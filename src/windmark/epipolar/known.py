@@ -87,7 +87,8 @@ def match_known_pair(
         lines of sight meet. The narrower, the fewer candidates on a line
     model_px : 1 sigma of what the detections' covariances do not hold: lens, eccentricity
     given : (G, 2) spots of matches that are known but for single wrong ones, such as clicks. What grows from them is
-        taken whatever else matches more spots. Where most of them do not stand together they decide nothing
+        taken whatever else matches more spots. Where most of them do not stand together they decide nothing, and
+        what contradicts one of them is left open
 
     Returns
     -------
