@@ -137,3 +137,7 @@ def test_what_a_film_loses_is_said_of_its_poses(windmark, folder, tmp_path):
     assert "mjpeg loses grey levels" in note
     assert "mjpeg loses grey levels" in done.err
     assert "mjpeg loses grey levels" in (place / "report.html").read_text(encoding="utf-8")
+    for verb in (("detect", "-o", tmp_path / "spots.csv"), ("align", "-o", tmp_path / "aligned")):
+        done = windmark(verb[0], tmp_path / "a.avi", "-r", 2.5, *verb[1:])
+        assert done.code == 0, done.err
+        assert done.err.count("mjpeg loses grey levels") == 1

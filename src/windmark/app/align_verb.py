@@ -52,7 +52,9 @@ class Wishes:
 
 def align(wishes: Wishes, as_json: bool) -> None:
     """Align every image to the reference; everything is written into the output folder, whole or not at all."""
-    base, others = split_reference(io.pictures(wishes.images), wishes.reference)
+    pictures = io.pictures(wishes.images)
+    base, others = split_reference(pictures, wishes.reference)
+    console.recordings(pictures)
     check_options(wishes.options["kind"], wishes.options["max_shift_px"])
     named = None if wishes.matches is None else read_named(wishes.matches)
     settings = AlignSettings(**wishes.options, named=named)

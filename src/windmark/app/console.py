@@ -9,7 +9,7 @@ import shutil
 import sys
 import textwrap
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from io import TextIOWrapper
 from pathlib import Path
@@ -26,7 +26,7 @@ except ImportError:
 
 if TYPE_CHECKING:
     from windmark.geometry import Camera
-    from windmark.io import ResultFolder
+    from windmark.io import PictureFile, ResultFolder
     from windmark.pipeline.lengths import Lengths
 
 NARROWEST = 40
@@ -131,6 +131,16 @@ def notes(lengths: Lengths) -> None:
     """What is to be said of the length units of a job's files, once all are read."""
     for path, text in lengths.notes():
         note(path, text)
+
+
+def recordings(items: Sequence[PictureFile]) -> list[str]:
+    """What should be known of the recordings that pictures are frames of, said and given back."""
+    from windmark.io import notes_of
+
+    of = notes_of(items)
+    for address, text in of:
+        note(Path(address), text)
+    return [f"{address}: {text}" for address, text in of]
 
 
 @contextmanager

@@ -192,6 +192,7 @@ def uniquely_named(images: list[Path]) -> list[io.PictureFile]:
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise UsageError(f"images: two are called {twice}; the results are named after the images")
+    console.recordings(items)
     return items
 
 

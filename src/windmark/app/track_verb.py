@@ -86,9 +86,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
     motion = Motion(float(np.radians(change[0])), change[1] / 100)
     how = FollowOptions(**options, motion=motion, prior=prior, mask=mask)
     images = io.pictures(wishes.images)
-    notes = io.notes_of(images)
-    for address, text in notes:
-        console.note(Path(address), text)
+    notes = console.recordings(images)
     instants = stamped_instants(images) if wishes.frames is None else read_instants(wishes.frames, images)
     start, made = job_time(), _made_with(wishes, options, change, map(Path, read))
     with progress(len(images)) as show, series_folder(wishes.output, go_on) as (out, go_on):
@@ -101,7 +99,7 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
         rows, last = series.rows, series.last
         record = {
             **sequence_summary(rows, camera, unit), "seconds": job_time() - start, "folder": wishes.output,
-            "polarity": series.polarity, "notes": [f"{address}: {text}" for address, text in notes],
+            "polarity": series.polarity, "notes": notes,
         }  # fmt: skip
         verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None, markers.name.tolist())
         record["verdict"] = verdict.record()
