@@ -90,7 +90,7 @@ def _load(project: DeformProject) -> Loaded:
         except WindmarkError as error:
             raise io.FileError(project.path, str(error), "stations") from None
         _check_place(project, markers, stations)
-        _check_tip(project, volumes, stations)
+        _check_tip(project, markers, volumes, stations)
     look = project.look
     radius = (look.radius_px,) if isinstance(look.radius_px, float) else look.radius_px
     options = LookOptions(
@@ -117,11 +117,17 @@ def _check_place(project: DeformProject, markers: MarkerSet, stations: Stations)
         raise io.FileError(project.path, words + spelt(units[0]), "stations.start")
 
 
-def _check_tip(project: DeformProject, volumes: Volumes, stations: Stations) -> None:
-    """The last station is reported as the tip: no law that moves the others may leave it where it is."""
-    middle = 0.5 * (stations.fore + stations.aft)
-    by_q = volumes.bind(middle, stations.volume).linearise(volumes.start)[1]
-    reach = np.linalg.norm(by_q, axis=1).max(axis=1, initial=0.0)
+def _check_tip(project: DeformProject, markers: MarkerSet, volumes: Volumes, stations: Stations) -> None:
+    """A law that moves markers moves stations, too; and the last one, which is reported as the tip, if any."""
+    middle, own = 0.5 * (stations.fore + stations.aft), (markers.volume == stations.volume) & (markers.role != "wall")
+    reach, of_markers = (
+        np.linalg.norm(volumes.bind(xyz, stations.volume).linearise(volumes.start)[1], axis=1).max(axis=1, initial=0.0)
+        for xyz in (middle, markers.xyz[own] if own.any() else middle)
+    )
+    if not reach.max() > 1e-9 * of_markers.max(initial=0.0) and of_markers.any():
+        words = (f"the law of {stations.volume} moves its markers but none of the stations: start and end are in "
+                 "another unit, or lie beside the part")  # fmt: skip
+        raise io.FileError(project.path, words, "stations.start")
     if reach.max() > 0 and not reach[-1] > 1e-9 * reach.max():
         words = (f"the law of {stations.volume} moves other stations but not the last one, which is reported as the "
                  "tip: start and end are exchanged, or end lies beside the part")  # fmt: skip
