@@ -492,3 +492,22 @@ def test_a_camera_that_no_view_has_is_not_free():
     found = identify(observed(seen(wall=True)), MARKERS, PARTS, cameras, VIEWS, free_poses=True, free_focal=True)
     assert found
     assert {n for n in found.names if n.endswith("focal_px")} == {"c0.camera.focal_px", "c1.camera.focal_px"}
+
+
+def test_a_parameter_whose_sigma_the_images_contradict():
+    """All else followed it, and the cameras were blamed."""
+    held = with_parameters(BEAM, {"bend_2": {"sigma": 0.02}})
+    parts, spots = [Volume("wing", held, "body"), Volume("body")], observed(seen(), np.random.default_rng(14))
+    found = identify(spots, MARKERS, parts, CAMERAS, VIEWS, reject=False)
+    (doubt,) = found.doubts
+    assert (doubt.names, doubt.cause) == (("wing.bend_2",), "prior")
+    assert abs(float(str(doubt).split("ask for about ")[1].split()[0]) - Q[0]) < 0.5
+    sigma = np.sqrt(np.diag(found.cov)[found.slices["law"]])
+    assert (np.abs(found.q - Q) < 3 * sigma).all()
+    # A wrong one that the images outweigh does no harm; nothing else is blamed for it.
+    wide = [Volume("wing", with_parameters(BEAM, {"bend_2": {"sigma": 2.0}}), "body"), Volume("body")]
+    free = identify(spots, MARKERS, PARTS, CAMERAS, VIEWS, reject=False)
+    light = identify(spots, MARKERS, wide, CAMERAS, VIEWS, reject=False)
+    assert light.doubts == free.doubts == ()
+    assert (np.abs(light.q - free.q) < np.sqrt(np.diag(free.cov)[free.slices["law"]])).all()
+    assert light.sigma["wing.bend_2"] > free.sigma["wing.bend_2"]

@@ -23,14 +23,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What holding the parameters at their bounds may have done.
+    """What holding the parameters at their bounds, or near what is known beforehand, may have done.
 
     Parameters
     ----------
-    doubts : where the images contradict a bound
+    doubts : where the images contradict a bound, or what is known
     follow : (F, m) how all that was free would follow one unit of each of the m parameters
-    second : (m, m) second moment of how far each is beyond its bound
-    test, rank : by so much the sum of squares would fall without the bounds, and so many of these are told
+    second : (m, m) second moment of how far each is beyond its bound, or what is known of it is off
+    test, rank : by so much the sum of squares would fall without that, and so many of these are told
     """
 
     doubts: tuple[Doubt, ...]

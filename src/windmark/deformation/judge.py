@@ -16,6 +16,7 @@ from windmark.deformation.misfit import Misfit
 from windmark.deformation.moved import candidates, moved, price
 from windmark.deformation.own_state import MOMENTS, OwnState, asked_for, two_moments
 from windmark.deformation.patterns import Pattern, pattern_of
+from windmark.deformation.priors import contradicted
 from windmark.deformation.result import NotIdentified
 from windmark.deformation.solve import Solved
 from windmark.errors import g2
@@ -39,7 +40,7 @@ class Verdict:
     misfit : what the laws lack, None for nothing
     doubts : sentences
     unchecked : what the images do not tell, and the covariances do not contain
-    bounds : what parameters at their bounds may have done, None where there are none
+    bounds : what parameters at their bounds may have done, or priors that are contradicted; None where there are none
     suspect : names of markers, views and volumes that contradict the rest
     """
 
@@ -67,6 +68,12 @@ def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdent
         chi2, redundancy = chi2 - bounds.test, redundancy - bounds.rank
         scale = chi2 / redundancy if chdtrc(redundancy, chi2) < FALSE else 1.0
         return solved, Verdict(scale, None, bounds.doubts, unknown, bounds)
+    off = None if equations is None else contradicted(equations, FALSE)
+    if off is not None:
+        if off.doubts:
+            return solved, Verdict(1.0, None, (*doubts, *off.doubts), unknown, off)
+        # Of no consequence; nor are the spots worse for it.
+        bounds, chi2, redundancy = off, chi2 - off.test, redundancy - off.rank
     # Residuals as small as stated may hide two pictures of different moments, and no more than these.
     if equations is None or (chi2 <= redundancy and not doubts and asked_for(equations) is None):
         return solved, Verdict(doubts=tuple(doubts), unchecked=unknown, bounds=bounds)

@@ -28,6 +28,7 @@ STEPS = {
     "attached": 'say what carries it: parent = "..." in its [[volume]]',
     "bent": "give the named volume a richer law: windmark laws lists them, windmark laws --compare PROJECT --law "
     "VOLUME/LAW tells which one the pictures ask for",
+    "prior": "widen this sigma (of the volume's parameters), or leave it out",
     "bound": "widen this bound (lower, upper of the volume's parameters); where the model cannot go beyond it, see "
     "that markers, cameras and the other laws are right",
     "noise": "see which markers or laws leave residuals; give the table its true sigma",

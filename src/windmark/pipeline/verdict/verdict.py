@@ -36,6 +36,7 @@ CAUSES = {
     "lens": "residuals with the pattern of another lens, focal length or principal point",
     "attached": "a part of the model that moves with another one and is not attached to it",
     "bound": "a law's parameter stands at a bound that the pictures contradict",
+    "prior": "the pictures contradict what a law's parameter is said to be",
     "bent": "a model that is bent, taken as rigid; or a law that is too simple",
     "marker": "a marker that is not where its table says",
     "table": "markers that are off their table",
