@@ -13,6 +13,7 @@ from windmark.deformation.laws import Hinge, Powers
 from windmark.deformation.setup import prepare, start_values
 from windmark.deformation.solve import solve
 from windmark.geometry import Pose
+from windmark.scene import Observations
 
 SIMPLE = (Volume("wing", replace(BEAM, bend=Powers((2,))), parent="body"), Volume("body"))
 
@@ -316,3 +317,17 @@ def test_a_view_with_few_marks_or_none_is_no_state_of_its_own(marks):
     assert isinstance(found, Deformation)
     assert "too simple" in " ".join(found.warnings)
     assert "different moments" not in " ".join(found.warnings)
+
+
+def test_markers_of_another_part_that_one_camera_sees_are_named():
+    """Each has one mark, which says nothing of another place; they were left out of every frame without a word."""
+    xyz, body = MARKERS.xyz.copy(), np.flatnonzero(MARKERS.volume == "body")
+    wrong = body[:: max(len(body) // 5, 1)][:5]
+    xyz[wrong] += [3.0, 1.0, 0.0]
+    spots = observed(seen(xyz=xyz), np.random.default_rng(42))
+    keep = ~np.isin(spots.point, wrong) | (spots.view == 0)
+    one = Observations(*(getattr(spots, key)[keep] for key in ("view", "point", "xy", "cov")))
+    found = identify(one, MARKERS, PARTS, CAMERAS, VIEWS)
+    (words,) = found.warnings
+    assert "more markers of body are not where the rest of it says" in words
+    assert set(found.suspect) == set(MARKERS.name[wrong])

@@ -23,6 +23,8 @@ FALSE = 1e-3
 """Probability that marks that are right, or gross errors that have nothing in common, are taken for the other."""
 SINGLE = 3
 """Markers of a volume that are said to stand elsewhere one by one."""
+PART = 0.1
+"""A volume that lost so many of its marks, and far more than the others."""
 QUARTER = 0.25
 """A view that lost so many of its marks, and far more than the others, is named."""
 
@@ -34,7 +36,8 @@ def lost(solved: Solved) -> list[Doubt]:
     swapped = _exchanged(solved)
     named = {n for doubt in swapped for n in doubt.names}
     elsewhere = {n: off for n, off in _elsewhere(solved).items() if solved.task.markers.name[n] not in named}
-    return [*swapped, *_beside(solved, elsewhere), *_views(solved)]
+    others = set(np.flatnonzero(~np.isin(solved.task.markers.name, [*named])).tolist()) - set(elsewhere)
+    return [*swapped, *_beside(solved, elsewhere), *_gone(solved, others), *_views(solved)]
 
 
 def _exchanged(solved: Solved) -> list[Doubt]:
@@ -106,6 +109,27 @@ def _beside(solved: Solved, off: Mapping[int, float]) -> list[Doubt]:
         for n in own:
             words = f"{{}} is {g2(off[n])} {unit}".rstrip() + " from where its table has it"
             out.append(Doubt((str(task.markers.name[n]),), words, "marker"))
+    return out
+
+
+def _gone(solved: Solved, others: set[int]) -> list[Doubt]:
+    """Markers, of ``others``, of a volume that lost all their marks while its rest, and other volumes, lost few.
+
+    One mark says nothing of another place; that they are so many of one volume does: of another part in the table, say.
+    """
+    task, bad, out = solved.task, ~solved.used, []
+    point = task.observations.point
+    volume = np.where(task.wall[point], "", task.placed.names[point])
+    count = len(task.markers)
+    every, left = np.bincount(point, minlength=count), np.bincount(point[bad], minlength=count)
+    for name in dict.fromkeys(volume[bad & (volume != "")].tolist()):
+        own = volume == name
+        all_lost = [n for n in np.unique(point[own]).tolist() if n in others and left[n] == every[n]]
+        if len(all_lost) > SINGLE and _many(bad, own, PART):
+            listed = f"{', '.join(['{}'] * SINGLE)} and {len(all_lost) - SINGLE} more markers of {name}"
+            names = tuple(str(task.markers.name[n]) for n in all_lost)
+            out.append(Doubt(names, f"{listed} are not where the rest of it says: they stand elsewhere, or move with "
+                             "another part", "marker"))  # fmt: skip
     return out
 
 
