@@ -30,6 +30,7 @@ def test_a_sound_law_has_no_remarks():
     [
         (lambda xyz, tip: up(xyz, np.sign(tip)), "own.py:3: law wing: is not continuous in tip near 0"),
         (lambda xyz, tip: up(xyz, np.heaviside(tip, 0.0) + tip), "is not continuous in tip"),
+        (lambda xyz, tip: up(xyz, tip).astype(np.float32), r"numbers of 16 digits \(float64\), got float32"),
         (lambda xyz, tip: xyz[:, 2] + tip, r"must return \(30, 3\), like its points, got \(30,\)"),
         (lambda xyz, tip: up(xyz, tip)[: 29 if tip > 0.1 else 30], r"must return \(30, 3\), .* got \(29, 3\)"),
         (lambda xyz, tip: up(xyz, np.nan), r"returns \[.*nan\] for the point \[.*\] at its start values"),

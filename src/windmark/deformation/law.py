@@ -174,6 +174,9 @@ class FunctionLaw:
             out = np.asarray(self.function(xyz.copy(), *q.tolist(), **self.options))
             if out.dtype.kind not in "fiu":
                 raise LawError(f"{self.where}: must return numbers (N, 3), got {out.dtype}")
+            if out.dtype.kind == "f" and out.dtype.itemsize < 8:
+                # Derivatives are differences: of 7 digits nothing is left, and the search never settles.
+                raise LawError(f"{self.where}: must return numbers of 16 digits (float64), got {out.dtype}")
             if out.shape != xyz.shape:
                 raise LawError(f"{self.where}: must return {xyz.shape}, like its points, got {out.shape}")
             return np.asarray(out, dtype=float)
