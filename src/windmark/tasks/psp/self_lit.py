@@ -85,7 +85,7 @@ def left_words(mesh: Mesh) -> list[str]:
     How much it is takes the paint's reflectivity, which is not known: said is how much of the model is beside other.
     """
     nodes = np.unique(np.linspace(0, len(mesh.vertices) - 1, LOOKED_AT).round().astype(np.int64))
-    filled = form_factors(mesh, facets=COARSE, nodes=nodes).seen[nodes]
+    filled = np.nan_to_num(form_factors(mesh, facets=COARSE, nodes=nodes).seen[nodes])
     much = filled > MUCH
     if not much.any():
         return []
