@@ -189,6 +189,9 @@ def test_stations_that_end_at_the_root(folder):
     exchanged = '[stations]\nvolume = "wing"\nstart = [0, 3, 0]\nend = [0, 0, 0]\n'
     found = problems(folder, DEFORM + wing + exchanged)
     assert "not the last one, which is reported as the tip" in found["stations.end"].words
+    far = '[stations]\nvolume = "wing"\nstart = [0, 0, 0]\nend = [0, 30, 0]\n'
+    found = problems(folder, DEFORM + wing + far)
+    assert "beyond the markers of wing, which span 2.69 mm" in found["stations.end"].words
     inboard = '[stations]\nvolume = "wing"\nstart = [0, -3, 0]\nend = [0, -0.1, 0]\n'
     found = problems(folder, DEFORM + wing + inboard)
     assert "moves its markers but none of the stations" in found["stations.start"].words

@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 WHERE_IT_STANDS = "where the camera stands (cam_from_tunnel), such as windmark register or calibrate write it"
 """What a camera's file must say whose pose is not found anew in every picture."""
 
+FARTHEST = 3.0
+"""A station that is so many times the extent of its part's markers beyond them is a mistake in its coordinates."""
+
 
 @dataclass(frozen=True)
 class Loaded:
@@ -105,7 +108,7 @@ def _load(project: DeformProject) -> Loaded:
 
 
 def _check_place(project: DeformProject, markers: MarkerSet, stations: Stations) -> None:
-    """Stations that lie where the part's markers are only in another unit."""
+    """Stations that lie where the part's markers are only in another unit, or nowhere near them."""
     own = markers.xyz[(markers.volume == stations.volume) & (markers.role != "wall")]
     if not len(own):
         return
@@ -115,6 +118,12 @@ def _check_place(project: DeformProject, markers: MarkerSet, stations: Stations)
         far = [f"{g3(np.linalg.norm(np.ptp(p, axis=0)))} {unit}" for p in (places, own)]
         words = f"the stations span {far[0]}, the markers of {stations.volume} {far[1]}: they are rather in "
         raise io.FileError(project.path, words + spelt(units[0]), "stations.start")
+    beyond = np.linalg.norm(np.maximum(np.maximum(own.min(axis=0) - places, places - own.max(axis=0)), 0.0), axis=1)
+    extent = float(np.linalg.norm(np.ptp(own, axis=0)))
+    if beyond.max() > FARTHEST * extent:
+        words = (f"a station lies {g3(beyond.max())} {unit} beyond the markers of {stations.volume}, which span "
+                 f"{g3(extent)} {unit}: no law is measured there; expected start and end on the part")  # fmt: skip
+        raise io.FileError(project.path, words, "stations.end" if beyond[-1] == beyond.max() else "stations.start")
 
 
 def _check_tip(project: DeformProject, markers: MarkerSet, volumes: Volumes, stations: Stations) -> None:
