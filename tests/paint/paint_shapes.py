@@ -41,3 +41,11 @@ def paint(cov=None):
     """A paint of second order with a temperature coefficient of about 1 % per K."""
     a = np.array([[0.16, 1e-3], [0.75, 8e-3], [0.09, 1e-3]])
     return SternVolmer(a, 101325.0, 293.15, (10e3, 160e3), (270.0, 325.0), cov)
+
+
+def corner(n=21):
+    """Two unit squares at a right angle: a floor in z = 0 and a wall in x = 0, of one edge, with nodes of their own."""
+    a, b = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n)))
+    z, t = np.zeros_like(a), structured_triangles(n, n)
+    xyz = np.concatenate([np.stack([a, b, z], axis=1), np.stack([z, a, b], axis=1)])
+    return Mesh.make(xyz, np.concatenate([t, t + n * n]))

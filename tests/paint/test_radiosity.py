@@ -15,15 +15,7 @@ from windmark.scene._tree_kernels import is_blocked
 from windmark.scene.triangle_tree import LEAF, TriangleTree
 
 sys.path.insert(0, str(Path(__file__).parent))
-from paint_shapes import box, sphere
-
-
-def corner(n=21):
-    """Two unit squares at a right angle: a floor in z = 0 and a wall in x = 0, of one edge, with nodes of their own."""
-    a, b = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n)))
-    z, t = np.zeros_like(a), structured_triangles(n, n)
-    xyz = np.concatenate([np.stack([a, b, z], axis=1), np.stack([z, a, b], axis=1)])
-    return Mesh.make(xyz, np.concatenate([t, t + n * n]))
+from paint_shapes import box, corner, sphere
 
 
 def wall_factor(x, y):

@@ -6,22 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from windmark.paint import form_factors
-from windmark.scene import Mesh, structured_triangles
 from windmark.tasks.psp import left_words
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "paint"))
-from paint_shapes import sphere
-
-
-def wall_on_a_floor(n=15):
-    a, b = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n)))
-    z, t = np.zeros_like(a), structured_triangles(n, n)
-    xyz = np.concatenate([np.stack([a, b, z], axis=1), np.stack([z, a, b], axis=1)])
-    return Mesh.make(xyz, np.concatenate([t, t + n * n]))
+from paint_shapes import corner, sphere
 
 
 def test_some_nodes_have_the_factors_they_have_among_all():
-    mesh = wall_on_a_floor(5)
+    mesh = corner(5)
     some = np.array([0, 7, 8, 30, 49])
     whole, part = form_factors(mesh, facets=20), form_factors(mesh, facets=20, nodes=some)
     assert part.matrix.shape == whole.matrix.shape
@@ -30,7 +22,7 @@ def test_some_nodes_have_the_factors_they_have_among_all():
 
 
 def test_a_corner_is_named_and_what_bulges_is_not():
-    (said,) = left_words(wall_on_a_floor())
+    (said,) = left_words(corner(15))
     assert "no [self_illumination] is given" in said
     # In the very edge a wall fills half of what the floor has above it, less where the edge ends.
     assert 35 <= float(said.split("at most ")[1].split()[0]) <= 51

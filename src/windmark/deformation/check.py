@@ -77,9 +77,10 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
             there = q.copy()
             there[j] += part * change
             words = f"with {parameter.name} = {there[j]:.4g} {parameter.unit}".rstrip()
-            quotients.append((_called(bound.place(there), points, label, words) - rest) / (part * change))
+            place = _called(bound.place(there), points, label, words)
+            quotients.append((place - rest) / (part * change))
             if part == STEPS[0]:
-                _check_alone(law, points, bound.place(there), there, extent, f"{label}: {words}")
+                _check_alone(law, points, place, there, extent, f"{label}: {words}")
         largest = max(float(np.abs(c).max()) for c in quotients)
         if largest * abs(change) < 1e-9 * extent:
             remarks.append(f"{label}: parameter {parameter.name} moves none of the {len(points)} points")
@@ -105,10 +106,10 @@ def _check_alone(law: Law, points: Array, place: Array, q: Array, extent: float,
             if not part.any() or part.all():
                 continue
             off = np.linalg.norm(law.bind(points[part]).place(q) - place[part], axis=1)
-            if not off.max() <= ALONE * extent:
-                worst = points[part][int(np.nanargmax(off))] if np.isfinite(off).any() else points[part][0]
+            if not off.max() <= ALONE * extent:  # of numbers that are none, too
+                worst = points[part][off.argmax()].tolist()
                 raise LawError(
-                    f"{label}: gives the point {worst.tolist()} another place, by {g3(off.max())}, when other points "
+                    f"{label}: gives the point {worst} another place, by {g3(off.max())}, when other points "
                     "are not given with it: it is fitted on markers and used on the grid. Take lengths from its "
                     "options (arguments after a *), not from the points"
                 )

@@ -36,8 +36,9 @@ def lost(solved: Solved) -> list[Doubt]:
     swapped = _exchanged(solved)
     named = {n for doubt in swapped for n in doubt.names}
     elsewhere = {n: off for n, off in _elsewhere(solved).items() if solved.task.markers.name[n] not in named}
-    others = set(np.flatnonzero(~np.isin(solved.task.markers.name, [*named])).tolist()) - set(elsewhere)
-    return [*swapped, *_beside(solved, elsewhere), *_gone(solved, others), *_views(solved)]
+    beside = _beside(solved, elsewhere)
+    named |= {n for doubt in beside for n in doubt.names}
+    return [*swapped, *beside, *_gone(solved, named), *_views(solved)]
 
 
 def _exchanged(solved: Solved) -> list[Doubt]:
@@ -71,10 +72,8 @@ def residuals_of_all(solved: Solved) -> Array:
 def _elsewhere(solved: Solved) -> dict[int, float]:
     """How far off markers are whose two marks or more are all wrong, and agree with each other on another place."""
     task, values = solved.task, solved.values
-    count = len(task.markers)
     point, view = task.slots
-    every, left = np.bincount(point, minlength=count), np.bincount(point[~solved.used], minlength=count)
-    wrong = np.flatnonzero((left > 1) & (left == every))
+    wrong = np.flatnonzero(_marks_lost(solved) > 1)
     if not len(wrong):
         return {}
     place = in_tunnel(task.placed.place(values[LAW]), task.wall, values[MOTION])
@@ -93,6 +92,18 @@ def _elsewhere(solved: Solved) -> dict[int, float]:
     return out
 
 
+def _marks_lost(solved: Solved) -> NDArray[np.int64]:
+    """(N,) how many marks were left out of a marker that lost all of them; 0 for the others."""
+    point, count = solved.task.observations.point, len(solved.task.markers)
+    every, left = np.bincount(point, minlength=count), np.bincount(point[~solved.used], minlength=count)
+    return np.where(left == every, left, 0)
+
+
+def _listed(count: int, volume: str) -> str:
+    """Places for the names of the first `SINGLE` of more markers of a volume, and how many there are besides."""
+    return ", ".join(["{}"] * SINGLE) + f" and {count - SINGLE} more markers" + (f" of {volume}" if volume else "")
+
+
 def _beside(solved: Solved, off: Mapping[int, float]) -> list[Doubt]:
     """Such markers one by one; of a volume that has more than `SINGLE` of them, all in one sentence."""
     task, unit, out = solved.task, length_unit(solved.task.volumes), []
@@ -100,11 +111,9 @@ def _beside(solved: Solved, off: Mapping[int, float]) -> list[Doubt]:
     for name in dict.fromkeys(volume.values()):
         own = sorted((n for n in off if volume[n] == name), key=lambda n: -off[n])
         if len(own) > SINGLE:
-            more = f"and {len(own) - SINGLE} more markers" + (f" of {name}" if name else "")
-            listed = ", ".join(["{}"] * SINGLE) + f" {more}"
             size = f"{g2(off[own[-1]])} to {g2(off[own[0]])} {unit}".rstrip()
             names = tuple(str(task.markers.name[n]) for n in own)
-            out.append(Doubt(names, f"{listed} are {size} from where their table has them", "marker"))
+            out.append(Doubt(names, f"{_listed(len(own), name)} are {size} from where their table has them", "marker"))
             continue
         for n in own:
             words = f"{{}} is {g2(off[n])} {unit}".rstrip() + " from where its table has it"
@@ -112,24 +121,19 @@ def _beside(solved: Solved, off: Mapping[int, float]) -> list[Doubt]:
     return out
 
 
-def _gone(solved: Solved, others: set[int]) -> list[Doubt]:
-    """Markers, of ``others``, of a volume that lost all their marks while its rest, and other volumes, lost few.
+def _gone(solved: Solved, named: set[str]) -> list[Doubt]:
+    """Markers of a volume, not ``named`` yet, that lost all their marks while its rest, and other volumes, lost few.
 
     One mark says nothing of another place; that they are so many of one volume does: of another part in the table, say.
     """
-    task, bad, out = solved.task, ~solved.used, []
-    point = task.observations.point
-    volume = np.where(task.wall[point], "", task.placed.names[point])
-    count = len(task.markers)
-    every, left = np.bincount(point, minlength=count), np.bincount(point[bad], minlength=count)
-    for name in dict.fromkeys(volume[bad & (volume != "")].tolist()):
-        own = volume == name
-        all_lost = [n for n in np.unique(point[own]).tolist() if n in others and left[n] == every[n]]
-        if len(all_lost) > SINGLE and _many(bad, own, PART):
-            listed = f"{', '.join(['{}'] * SINGLE)} and {len(all_lost) - SINGLE} more markers of {name}"
-            names = tuple(str(task.markers.name[n]) for n in all_lost)
-            out.append(Doubt(names, f"{listed} are not where the rest of it says: they stand elsewhere, or move with "
-                             "another part", "marker"))  # fmt: skip
+    task, out = solved.task, []
+    volume = np.where(task.wall, "", task.placed.names)
+    lost_all = (_marks_lost(solved) > 0) & ~np.isin(task.markers.name, [*named])
+    for name in dict.fromkeys(volume[lost_all & (volume != "")].tolist()):
+        names = tuple(task.markers.name[lost_all & (volume == name)].tolist())
+        if len(names) > SINGLE and _many(~solved.used, volume[task.observations.point] == name, PART):
+            out.append(Doubt(names, f"{_listed(len(names), name)} are not where the rest of it says: they stand "
+                             "elsewhere, or move with another part", "marker"))  # fmt: skip
     return out
 
 

@@ -107,11 +107,11 @@ def solve(task: Task, values: dict[str, Any], shift: Array, reject: bool, near: 
     robust = False
     while True:
         values, system, report = minimise(problem, values, FINE)
-        if not np.isfinite(system.information).all():
-            lost = [n for n, x in zip(free_names(problem), np.diag(system.information), strict=True) if x != x]
+        names = free_names(problem)
+        if lost := [n for n, told in zip(names, np.isfinite(np.diag(system.information)), strict=True) if not told]:
             return NotIdentified(f"there are no numbers for a small change of {', '.join(lost)}: a law ends there",
                                  "undetermined", tuple(lost))  # fmt: skip
-        cov = covariance(system, free_names(problem))
+        cov = covariance(system, names)
         test = test_used(task, sighting(problem), values, cov, used)
         if not reject:
             break

@@ -93,6 +93,11 @@ class Stations:
     def __len__(self) -> int:
         return len(self.eta)
 
+    @property
+    def middle(self) -> Array:
+        """(S, 3) of the chords."""
+        return 0.5 * (self.fore + self.aft)
+
 
 @dataclass(frozen=True)
 class SpanValues:
@@ -170,7 +175,7 @@ def span_values(state: Deformation, stations: Stations, *, frame: str = "model")
     # Nose-up: the trailing edge goes down.
     twist = np.degrees(np.arctan2(-rise, along))
     turn = (rise[:, None] * aft - along[:, None] * stations.up) / (along**2 + rise**2)[:, None]
-    middle = 0.5 * (place[:s] + place[s:]) - 0.5 * (stations.fore + stations.aft)
+    middle = 0.5 * (place[:s] + place[s:]) - stations.middle
 
     def of(by_ends: Array) -> Array:
         """(2 S, ...) bending and twist by what moves the chords' ends (2 S, 3, ...)."""

@@ -31,7 +31,7 @@ WELL = 0.3
 SOUND = 0.01
 """Taper above which a value is not one of an outline's mixed pixels."""
 REGIONS = 10
-"""Regions of the surface along the mesh's diagonal."""
+"""Regions of the surface along the mesh's size."""
 MOST = 127
 """Pictures that can be merged."""
 
@@ -202,8 +202,8 @@ def _too_few(names: Sequence[str], left: Mapping[str, str]) -> str:
 
 
 def _regions(mesh: Mesh) -> NDArray[np.int64]:
-    """(V,) in which cube of a tenth of the mesh's diagonal a node lies."""
-    size = max(mesh.diagonal, 1e-300) / REGIONS
+    """(V,) in which cube of a tenth of the mesh's size a node lies."""
+    size = max(mesh.size, 1e-300) / REGIONS
     low = mesh.box[0]
     with np.errstate(invalid="ignore"):
         cell = np.clip(np.nan_to_num((mesh.vertices - low) / size), 0, 1000).astype(np.int64)

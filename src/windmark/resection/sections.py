@@ -66,7 +66,7 @@ def section(mesh: Mesh, point: ArrayLike, normal: ArrayLike, *, spacing: float |
     Returns
     -------
     Section, empty if the plane misses the mesh. Lines go on across blocks that meet (within 1e-5 of the
-    mesh's size), and end at borders and where more than two sheets meet.
+    least of `Mesh.sizes`), and end at borders and where more than two sheets meet.
 
     Raises
     ------

@@ -233,7 +233,7 @@ def checked_tolerance(tolerance: float | None, mesh: Mesh, verb: str) -> float:
     sides of a thin trailing edge would be one.
     """
     if tolerance is None:
-        return _TOLERANCE * float(mesh.sizes.min(initial=np.inf)) if len(mesh.triangles) else 0.0
+        return _TOLERANCE * float(mesh.sizes.min()) if len(mesh.triangles) else 0.0
     if not 0 <= tolerance < np.inf:
         raise UsageError(f"{verb}: tolerance must be a length >= 0, got {tolerance}")
     return float(tolerance)

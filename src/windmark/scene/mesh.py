@@ -135,7 +135,7 @@ class Mesh:
 
     @cached_property
     def diagonal(self) -> float:
-        """Length of the diagonal of `box`, 0 for a mesh without triangles: the scale of every tolerance."""
+        """Length of the diagonal of `box`, 0 for a mesh without triangles; see `sizes` for the scale of tolerances."""
         low, high = self._box
         return float(np.nan_to_num(np.linalg.norm(high - low)))
 

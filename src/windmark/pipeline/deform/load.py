@@ -92,8 +92,11 @@ def _load(project: DeformProject) -> Loaded:
             )
         except WindmarkError as error:
             raise io.FileError(project.path, str(error), "stations") from None
-        _check_place(project, markers, stations)
-        _check_tip(project, markers, volumes, stations)
+        own = markers.xyz[(markers.volume == stations.volume) & (markers.role != "wall")]
+        if len(own):
+            _check_place(project, own, stations)
+            _check_moves(project, own, volumes, stations)
+        _check_tip(project, volumes, stations)
     look = project.look
     radius = (look.radius_px,) if isinstance(look.radius_px, float) else look.radius_px
     options = LookOptions(
@@ -107,12 +110,9 @@ def _load(project: DeformProject) -> Loaded:
     return Loaded(project, test, mesh, stations, tuple(remarks))
 
 
-def _check_place(project: DeformProject, markers: MarkerSet, stations: Stations) -> None:
+def _check_place(project: DeformProject, own: Array, stations: Stations) -> None:
     """Stations that lie where the part's markers are only in another unit, or nowhere near them."""
-    own = markers.xyz[(markers.volume == stations.volume) & (markers.role != "wall")]
-    if not len(own):
-        return
-    places, unit = 0.5 * (stations.fore + stations.aft), project.length_unit
+    places, unit = stations.middle, project.length_unit
     units, _ = likely_unit(places, (own.min(axis=0), own.max(axis=0)), unit)
     if units:
         far = [f"{g3(np.linalg.norm(np.ptp(p, axis=0)))} {unit}" for p in (places, own)]
@@ -126,17 +126,24 @@ def _check_place(project: DeformProject, markers: MarkerSet, stations: Stations)
         raise io.FileError(project.path, words, "stations.end" if beyond[-1] == beyond.max() else "stations.start")
 
 
-def _check_tip(project: DeformProject, markers: MarkerSet, volumes: Volumes, stations: Stations) -> None:
-    """A law that moves markers moves stations, too; and the last one, which is reported as the tip, if any."""
-    middle, own = 0.5 * (stations.fore + stations.aft), (markers.volume == stations.volume) & (markers.role != "wall")
-    reach, of_markers = (
-        np.linalg.norm(volumes.bind(xyz, stations.volume).linearise(volumes.start)[1], axis=1).max(axis=1, initial=0.0)
-        for xyz in (middle, markers.xyz[own] if own.any() else middle)
-    )
-    if not reach.max() > 1e-9 * of_markers.max(initial=0.0) and of_markers.any():
+def _reach(volumes: Volumes, xyz: Array, volume: str) -> Array:
+    """(N,) how far one unit of some parameter moves points of a volume, near the start."""
+    by_q = volumes.bind(xyz, volume).linearise(volumes.start)[1]
+    return np.asarray(np.linalg.norm(by_q, axis=1).max(axis=1, initial=0.0))
+
+
+def _check_moves(project: DeformProject, own: Array, volumes: Volumes, stations: Stations) -> None:
+    """A law that moves the part's markers ``own`` moves stations, too."""
+    of_markers = _reach(volumes, own, stations.volume).max()
+    if of_markers > 0 and not _reach(volumes, stations.middle, stations.volume).max() > 1e-9 * of_markers:
         words = (f"the law of {stations.volume} moves its markers but none of the stations: start and end are in "
                  "another unit, or lie beside the part")  # fmt: skip
         raise io.FileError(project.path, words, "stations.start")
+
+
+def _check_tip(project: DeformProject, volumes: Volumes, stations: Stations) -> None:
+    """The last station is reported as the tip: no law that moves the others may leave it where it is."""
+    reach = _reach(volumes, stations.middle, stations.volume)
     if reach.max() > 0 and not reach[-1] > 1e-9 * reach.max():
         words = (f"the law of {stations.volume} moves other stations but not the last one, which is reported as the "
                  "tip: start and end are exchanged, or end lies beside the part")  # fmt: skip
