@@ -35,7 +35,7 @@ test: lint $(VENV)/.compiled
 test-all: lint $(VENV)/.compiled
 	$(PYTEST)
 
-# CPU seconds of every test, the dearest first: those of over two seconds are to be marked slow.
+# CPU seconds of every test, the dearest first: those of over 1.5 seconds are to be marked slow.
 test-costs: $(VENV)/.installed-test $(VENV)/.compiled
 	$(PYTEST) --costs test-costs.csv
 

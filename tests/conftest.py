@@ -33,7 +33,7 @@ hypothesis.settings.register_profile("explore", derandomize=False, deadline=None
 hypothesis.settings.load_profile("windmark")
 
 
-SLOW_S = 2.0
+SLOW_S = 1.5
 """CPU seconds of a test, its fixtures included, from which on it is to be marked slow."""
 COSTS: dict[str, tuple[float, float, bool]] = {}
 """CPU and wall seconds of each test, and whether it is marked slow."""

@@ -48,6 +48,7 @@ def test_images_of_discs():
     assert len(image_discs.overloads) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("close", [False, True])
 def test_fits_of_markers(close):
     """To the last bit: in which order a kernel adds up depends on how it was compiled."""

@@ -5,6 +5,8 @@ import functools
 import re
 from pathlib import Path
 
+import pytest
+
 import windmark
 import windmark.errors
 
@@ -47,6 +49,7 @@ def retold(nodes):
                 yield node.lineno
 
 
+@pytest.mark.slow
 def test_the_rooms_that_judge_for_the_user_raise_errors_of_windmarks_own_types():
     plain = [
         f"{file}:{line}: {name}"

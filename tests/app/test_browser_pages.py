@@ -71,6 +71,7 @@ def test_names_over_a_picture_can_be_read_and_do_not_lie_over_each_other(page):
     page.size(PHONE, 900)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext here (apt-get install poppler-utils)")
 def test_a_long_table_is_whole_on_few_sheets(page, tmp_path):
     printed = page.pdf(tmp_path / "page.pdf")

@@ -50,6 +50,7 @@ def changed(a, b):
     return float((np.abs(a - b).max(axis=2) > 12).mean())
 
 
+@pytest.mark.slow
 def test_it_loads_without_an_error_and_asks_no_one(page):
     assert page.wrong() == []
     assert page.js("document.querySelectorAll('.wm-scene.wm-ready').length") == 1

@@ -63,6 +63,7 @@ def test_every_marker_seen_once(windmark, plate):
     assert "seen in one view only" in done.json["dropped"]["m05"]
 
 
+@pytest.mark.slow
 def test_a_datum_that_leaves_the_network_turning(windmark, plate):
     """Three held markers on a line fix position and scale, but not the turn about the line."""
     done = call(windmark, plate[1], "--json", datum="fixed:m00,m01,m02")

@@ -120,6 +120,7 @@ def test_known_markers_with_a_joint_covariance(windmark, plate):
     assert (done.code, "names 'zz', which the table of markers does not have" in done.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_the_grid_tells_how_discs_are_bent(windmark, plate, undrawn, monkeypatch):
     """A table of discs on a dome: the adjustment has its curvature. A board is flat."""
     from windmark.app import calibrate_verb
@@ -377,6 +378,7 @@ def test_values_of_the_report_are_rounded_by_their_sigmas(windmark, plate, undra
         assert len(sigma.replace(".", "").lstrip("0")) == 2, sigma
 
 
+@pytest.mark.slow
 def test_without_its_pictures_the_calibration_is_there(windmark, plate, no_pictures):
     _, _, folder = plate
     done = call(windmark, folder, "--datum", "free", "--json")

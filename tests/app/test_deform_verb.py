@@ -60,6 +60,7 @@ def edited(folder, *changes, name="deform.toml"):
     return folder / name
 
 
+@pytest.mark.slow
 def test_the_laws_parameters_are_those_of_the_truth(made, done):
     assert done.code == 0
     assert (done.json["frames"], done.json["lost"]) == (FRAMES, 0)
@@ -431,6 +432,7 @@ def test_images_of_another_size_lose_their_camera_only(copy, windmark):
     assert "300 x 400 pixels" in reason
 
 
+@pytest.mark.slow
 def test_no_usable_frame_is_a_refusal(copy, windmark):
     for file in (copy / "images").iterdir():
         io.write_image(file, np.zeros((400, 640), np.uint8))

@@ -100,6 +100,7 @@ def test_without_a_marker_there_is_the_page_and_no_table(windmark, tmp_path):
     assert 'data-verdict="bad"' in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 @browser.needed
 def test_layers_are_switched_and_packed_pictures_open(tmp_path):
     lost = NotTaken("rejected candidate", ["0"], np.array([[5.0, 5.0]]), np.array([3.0]), ["faint: x"], np.array([1.0]))

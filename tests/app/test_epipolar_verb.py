@@ -96,6 +96,7 @@ def test_without_a_camera_there_is_the_fundamental_matrix_and_no_further_match(w
     assert "only with --camera" in said.out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_names_of_the_user_stay_in_the_labels(windmark, photos, tmp_path):
     table = rows(photos / "clicks.csv")[:-1]
@@ -141,6 +142,7 @@ def test_pictures_that_are_exchanged_are_refused(windmark, photos, tmp_path):
     assert done.code in (1, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_two_pictures_with_poses_say_frame_unit_and_sigma(windmark, photos, tmp_path):
     two = [photos / "photos" / f"P0{k}.tif" for k in (1, 2)]

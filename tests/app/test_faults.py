@@ -132,6 +132,7 @@ def test_image_names_in_projects_and_alignment(windmark, picture):
     assert "image names become file names, and 'a' and 'A' are one name on many disks" in done.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("as_json", [False, True])
 def test_names_that_the_output_cannot_print_are_no_bad_files(tmp_path, as_json):
     file = tmp_path / "翼-Ω.png"

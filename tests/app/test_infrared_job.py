@@ -79,6 +79,7 @@ def test_track(windmark, warm, tmp_path):
     assert json.loads((tmp_path / "t" / "summary.json").read_text())["polarity"] == "bright"
 
 
+@pytest.mark.slow
 def test_temperatures_are_named_everywhere(windmark, registered, warm, tmp_path):
     camera = registered[1] / "wind-off" / "camera.json"
     call = ["resect", warm / "wind-off.tif", "-c", camera, "-g", warm / "model.grid", "--unit", "mm"]

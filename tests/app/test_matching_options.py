@@ -38,6 +38,7 @@ def test_align_leaves_the_walls_out_unless_told(windmark, arguments, virtual_tes
     assert walls.json["images"][1]["registration"]["deformation"]["largest_px"] > 0.5
 
 
+@pytest.mark.slow
 def test_roles_and_time_of_register_and_run(windmark, arguments, virtual_test, tmp_path):
     folder, _ = virtual_test
     call = [*arguments("register", "wind-off.tif"), "-o", tmp_path / "out"]
@@ -82,6 +83,7 @@ def test_masked_spots_are_not_used(windmark, arguments, tmp_path):
     assert 0 < done.json["images"][0]["spots"] < whole.json["images"][0]["spots"]
 
 
+@pytest.mark.slow
 def test_labels_and_exclusions_by_place(windmark, arguments, tmp_path):
     call = [*arguments("register", "wind-off.tif"), "-o", tmp_path / "out"]
     assert windmark(*call).code == 0

@@ -47,6 +47,7 @@ def test_what_an_earlier_run_wrote_is_written_over(windmark, pictures):
     assert len(io.read_detections(pictures / "spots.csv")["a.png"]) == 42
 
 
+@pytest.mark.slow
 def test_a_result_is_not_replaced_by_one_that_is_made_of_it(windmark, tmp_path, simulated):
     """A synthetic test is a result as well: its pictures and its project are files of ours that a new one would take
     away.

@@ -24,6 +24,7 @@ def cell(folder, seed=1, *, law=TYPICAL, name="cell.csv", **changed):
     return folder / name
 
 
+@pytest.mark.slow
 def test_the_law_is_the_true_one_within_its_covariance(tmp_path):
     """Of 40 tables the middle of the range lies within 1.96 sigma of the truth as often as it should."""
     z = []
@@ -50,6 +51,7 @@ def test_what_it_says_and_the_picture(windmark, tmp_path):
     assert record["made_of"] == "cell.csv"
 
 
+@pytest.mark.slow
 def test_any_unit_gives_the_same_law(windmark, tmp_path):
     plain = cell(tmp_path)
     p, t = (io.read_table(plain, required=(), known=None).numbers(c) for c in ("pressure_pa", "temperature_k"))

@@ -88,6 +88,7 @@ def test_nobody_else_sees_it(monkeypatch):
         assert bool(stream.getvalue()) == seen, params
 
 
+@pytest.mark.slow
 def test_jobs_count_their_pictures(tmp_path, sheet_image, windmark, monkeypatch):
     told = []
     _in_parallel(lambda name: SimpleNamespace(name=name), ["a", "b"], 2, told.append, "map")

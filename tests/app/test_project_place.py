@@ -42,6 +42,7 @@ def test_words_with_spaces_are_quoted_and_patterns_are_not():
     assert typed("x", "a/*.tif", "*.tif") == "x a/*.tif *.tif"
 
 
+@pytest.mark.slow
 def test_a_next_step_can_be_copied(windmark, tmp_path):
     made = windmark("simulate", tmp_path / "my test", "--seed", 3)
     (step,) = [line.removeprefix("next: ") for line in made.out.splitlines() if line.startswith("next: ")]

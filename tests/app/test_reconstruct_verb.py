@@ -69,6 +69,7 @@ def done(windmark, folder, tmp_path_factory):
     return call(windmark, folder, out, "--pair", "w1", "w3"), out
 
 
+@pytest.mark.slow
 def test_markers_are_found_in_the_frame_of_the_primaries(done, wall):
     answer, out = done
     assert answer.code == 0, answer.err
@@ -271,6 +272,7 @@ def test_bad_files_are_named(windmark, folder, tmp_path):
     assert "small has (80, 60) px" in done.err
 
 
+@pytest.mark.slow
 def test_without_its_pictures_the_reconstruction_is_there(windmark, folder, tmp_path, no_pictures):
     (folder / "damaged.png").write_bytes(b"no picture")
     names = ["w0", "w1", "w2", "damaged", "w3", "w4", "w5"]

@@ -113,6 +113,7 @@ def test_a_camera_that_sees_no_marker_has_no_pose_unless_it_is_trusted(copy, mad
     assert off_px(copy, "cam2", made[1]) < 0.1
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_elsewhere_is_named(copy, windmark):
     rig = json.loads((copy / "rig.json").read_text())
     rig["cam_from_rig"]["cam3"]["translation"][0] += 15

@@ -23,6 +23,7 @@ def written(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_every_pattern_finds_its_pictures(written):
     points = rows(written / "points.csv")
     assert [p["point"] for p in points] == ["p01"]

@@ -12,6 +12,7 @@ from windmark.pipeline.study import StudySettings, examples, run_study
 SMALL = ("study", "--radius", 3, "--steps", 2, "--markers", 16, "--method", "bowl")
 
 
+@pytest.mark.slow
 def test_table_pictures_page_and_json_say_the_same(windmark, tmp_path):
     done = windmark(*SMALL, "--output", tmp_path / "out", "--json")
     assert done.code == 0
@@ -110,6 +111,7 @@ def test_help_has_an_example(windmark):
     assert "Example: windmark study" in done.out
 
 
+@pytest.mark.slow
 def test_markers_within_a_pixel_have_no_bound_and_the_page_says_the_verdict(windmark, tmp_path):
     """Without blur and noise such a study ended in a singular matrix."""
     done = windmark("study", "-r", 2, "-r", 1, "--noise-percent", 0, "--blur-passes", 0, "--steps", 3, "--markers", 100,

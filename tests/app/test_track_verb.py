@@ -118,6 +118,7 @@ def test_wrong_usage_is_named(windmark, folder, tmp_path, more, word):
     assert word in done.err
 
 
+@pytest.mark.slow
 def test_what_a_film_loses_is_said_of_its_poses(windmark, folder, tmp_path):
     """Only `convert` said that grey levels are not the sensor's, and that pictures are missing."""
     av = pytest.importorskip("av")

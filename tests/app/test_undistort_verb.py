@@ -22,6 +22,7 @@ def files(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_images_camera_and_mask(windmark, files):
     out = files / "out"
     done = windmark(

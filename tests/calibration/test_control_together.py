@@ -61,6 +61,7 @@ def test_a_diagonal_covariance_is_sigma(case):
     assert together.redundancy == alone.redundancy
 
 
+@pytest.mark.slow
 def test_what_it_states_holds(case):
     """Over surveys of one network: z of the known markers is 1, and no doubt is raised."""
     cov, z = survey(case.truth.points[KNOWN]), []

@@ -302,6 +302,7 @@ def test_a_held_marker_in_the_wrong_place_is_suspected():
     assert result.suspect == ("m02",)
 
 
+@pytest.mark.slow
 def test_the_papers_steps_find_the_same_calibration_or_say_that_they_do_not(monkeypatch):
     case = networks.make(39, points=11, views=4, seen=1.0)
     start = case.start.points.copy()

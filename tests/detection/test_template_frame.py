@@ -65,6 +65,7 @@ def test_at_the_bound_and_every_marker_converged(radius, blur, tilt, noise, slop
     assert 0.92 < np.std(z) < 1.12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("photometry", ["multiplicative", "additive"])
 def test_covariance_in_white_noise(photometry):
     """1,600 errors per axis: known to 1.3 %."""

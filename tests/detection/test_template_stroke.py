@@ -103,6 +103,7 @@ def test_the_larger_of_two_covariances_is_so_in_every_direction():
     assert np.isnan(larger(np.full((1, 2, 2), np.nan), b[:1])).all()
 
 
+@pytest.mark.slow
 def test_the_centre_of_a_disc_half_in_shadow_is_as_good_as_its_covariance():
     """Least squares takes the shadow for a slope of the light: 0.1 to 1 px off."""
     error, z, plain_error = [], [], []

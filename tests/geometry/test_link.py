@@ -51,6 +51,7 @@ def test_the_installed_numba_is_as_known():
     assert not _link.install()  # once is enough
 
 
+@pytest.mark.slow
 def test_only_what_python_calls_is_linked():
     low, middle, top = chain()
     assert top(VALUES, 2) == TOP[2]

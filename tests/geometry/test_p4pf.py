@@ -24,6 +24,7 @@ def random_view(rng, flatness):
                 return focal, pose, xyz, xy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flatness", FLATNESS.values(), ids=FLATNESS.keys())
 def test_exact_images_give_the_exact_focal_length(flatness):
     rng = np.random.default_rng(5)

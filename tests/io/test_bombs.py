@@ -168,6 +168,7 @@ def test_messages_stay_on_one_short_line(tmp_path):
 # --- work that grows with the file alone: with its square each of these took minutes
 
 
+@pytest.mark.slow
 def test_many_polygons(tmp_path):
     """Squares of one pixel on every second pixel of every second row."""
     rows = []
@@ -190,6 +191,7 @@ def test_many_frames_in_a_table(tmp_path):
     assert found["i7"].xy[:, 0].tolist() == [7, 30_007]
 
 
+@pytest.mark.slow
 def test_many_columns_and_modes(tmp_path):
     more = ",".join(f"c{k}" for k in range(60_000))
     (tmp_path / "a.csv").write_text(f"name,x,y,z,{more}\na,1,2,3{',1' * 60_000}\n")

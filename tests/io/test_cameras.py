@@ -532,6 +532,7 @@ def test_nasa_size_from_the_caller(tmp_path):
     assert read_camera(tmp_path / "c.json", size_px=(1280, 800))[0].cx == 643.8
 
 
+@pytest.mark.slow
 @given(
     data=st.one_of(
         st.text(), st.builds(lambda a, b: PLAIN_YAML[:a] + b + PLAIN_YAML[a:], st.integers(0, 120), st.text())

@@ -266,6 +266,7 @@ def test_a_version_that_there_is_not(tmp_path):
         read_mesh(tmp_path / "a.vtk")
 
 
+@pytest.mark.slow
 def test_a_file_that_never_ends(tmp_path, shell, monkeypatch):
     monkeypatch.setattr("windmark.io.apart._TIME_S", 1.0)
     write_mesh(tmp_path / "a.vtk", shell)

@@ -292,6 +292,7 @@ def labelled_pictures(case, monkeypatch, tmp_path, wrong):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_picture_that_contradicts_the_others_to_the_end_is_dropped(monkeypatch, tmp_path):
     case = networks.make(76, points=40, views=10)
     out, pictures = labelled_pictures(case, monkeypatch, tmp_path, lambda name, n, anew: name == "v03")

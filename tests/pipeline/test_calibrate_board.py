@@ -116,6 +116,7 @@ def test_a_rig_and_its_board_from_marked_pictures(session):
     assert result.markers.radius[0] == pytest.approx(RADIUS, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_marked_dot_is_the_origin(session):
     rng = np.random.default_rng(32)
     xyz = np.column_stack([cells() * PITCH, np.zeros(COLUMNS * ROWS)])  # a print without a flaw
@@ -215,6 +216,7 @@ def right_part(picture, dots):
     return (index[own >= 0] == cells()[own[own >= 0]]).all(axis=1).mean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(None, None), (COLUMNS, ROWS)])
 def test_where_a_mark_is_hidden_the_print_tells_how_the_board_lies(session, size):
     rng = np.random.default_rng(4)
@@ -227,6 +229,7 @@ def test_where_a_mark_is_hidden_the_print_tells_how_the_board_lies(session, size
     assert min(right_part(p, dots) for p in out) > 0.98
 
 
+@pytest.mark.slow
 def test_a_board_without_a_flaw_does_not_tell_how_it_lies(session):
     rng = np.random.default_rng(5)
     nominal = np.column_stack([cells() * PITCH, np.zeros(COLUMNS * ROWS)])
@@ -237,6 +240,7 @@ def test_a_board_without_a_flaw_does_not_tell_how_it_lies(session):
     assert [p.problem for p in out[2:]] == [""] * 4
 
 
+@pytest.mark.slow
 def test_a_false_mark_that_turns_the_board_is_found_by_the_print(session):
     """A hole is hidden, and a false one stands where the board turned by 180 degrees would have it."""
     rng = np.random.default_rng(6)

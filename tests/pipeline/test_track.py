@@ -141,6 +141,7 @@ def plate(offset_mm, angle, rng):
     return image, markers, camera, pose
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("jump", "turn"), [((40.0, 0.0), 0.0), ((0.0, 0.0), np.pi)], ids=["a pitch", "half a turn"])
 def test_regular_rows_that_jump_by_their_own_pattern_are_not_followed_by_the_wrong_names(jump, turn):
     """Looked for where they were, most are there again: those that lie elsewhere now must be looked for, too."""

@@ -62,6 +62,7 @@ def other_gamma(image):
     return (image.max() * (image / image.max()) ** (1 / 1.6)).astype(image.dtype)
 
 
+@pytest.mark.slow
 def test_two_pictures_of_one_surface_do_not_contradict_each_other(pair):
     assert _contradicted([merged(pair)]) == []
 
@@ -108,6 +109,7 @@ def judged(folder, test, image, scale=1.0, pose=None):
     return run_verdict(run_project(read_project(folder / "project.toml"), workers=1))
 
 
+@pytest.mark.slow
 def test_markers_are_looked_for_where_a_given_pose_has_them(tmp_path, tunnel):
     verdict = judged(tmp_path, tunnel, tunnel.shot("wind-off").image)
     assert verdict.word == GOOD, verdict

@@ -108,6 +108,7 @@ def test_focal_sigma_is_the_scatter_under_a_strong_lens():
     assert len(z) > 54
 
 
+@pytest.mark.slow
 def test_an_uncertain_lens_widens_the_focal_length_as_its_covariance_says():
     """k1 off by its own sigma of 5 %: told so, the focal length keeps its promise; taken as exact, it does not."""
     z = {True: [], False: []}

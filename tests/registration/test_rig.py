@@ -101,6 +101,7 @@ def test_fields_describe_the_result():
     assert wm.register_rig is register_rig
 
 
+@pytest.mark.slow
 def test_covariance_is_the_scatter_of_the_poses():
     """Mean of the squared distance over its six degrees of freedom, 25 rigs: 1 within three sigma of the mean."""
     squares = []
@@ -293,6 +294,7 @@ def whitened(found, rig):
     return delta @ np.linalg.solve(found.cov, delta) / 6
 
 
+@pytest.mark.slow
 def test_a_place_that_is_slightly_off_is_in_the_sigma_and_said():
     """One camera of three turned by 0.3 px, which is three sigma of a spot."""
     chi2, said = [], 0
@@ -308,6 +310,7 @@ def test_a_place_that_is_slightly_off_is_in_the_sigma_and_said():
     assert np.median(chi2) < 2.0
 
 
+@pytest.mark.slow
 def test_a_covariance_of_the_places_is_used():
     """Places that are off by 2 px, and said to be so uncertain: found with the pose, whose sigma is true."""
     chi2 = []

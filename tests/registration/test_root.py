@@ -174,6 +174,7 @@ def test_the_likeliest_deformation_is_at_rest(seed):
     assert whitened(seen, result.cam_from_model, result.cov) < 9
 
 
+@pytest.mark.slow
 def test_sigma_of_bent_models_covers():
     """Wings with a body that stands still; by the bent and by the rigid model. One in a thousand would be above 3.7."""
     found = []

@@ -38,6 +38,7 @@ def moved_state(views, solution, seed):
 # --- projection ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_projections_and_derivatives_are_those_of_the_cameras(everything):
     """By the pose, every nuisance, every coefficient, and the marker's own place; cameras from the noun."""
     _, views, solution = everything

@@ -157,6 +157,7 @@ def test_a_regular_grid_does_not_slip(part):
             assert answer.cause in ("ambiguous", "time")
 
 
+@pytest.mark.slow
 def test_a_swaying_tower_keeps_its_labels_and_is_said_to_be_bent():
     """Rows of one pitch, which a search without the motion could not tell apart, and a foot that stands still."""
     rng = np.random.default_rng(11)

@@ -80,6 +80,7 @@ def test_merged_is_better_than_the_best_single_picture():
     assert together < 0.75 * min(single)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interpolation", ["linear", "cubic"])
 def test_sigma_of_nodes_by_monte_carlo(interpolation):
     """Scatter of the merged values over their sigma, noise and pose together: one, from both sides."""

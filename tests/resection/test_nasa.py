@@ -73,6 +73,7 @@ def test_visible_nodes(grid, number, two_sided):
         assert ((view.reason == HIDDEN) & clear).sum() > 250  # behind the block
 
 
+@pytest.mark.slow
 def test_mixed_orientation_is_mended(grid):
     half = grid.triangles.copy()
     for zone in (slice(0, 4000), slice(300_000, 500_000)):

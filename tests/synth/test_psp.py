@@ -127,6 +127,7 @@ def test_wall_temperature_is_uneven_and_the_ratio_feels_it(made):
     assert StillAir(9e4, 290.0).state(np.zeros((2, 3)), np.zeros((2, 3)), "wing")[0].tolist() == [9e4, 9e4]
 
 
+@pytest.mark.slow
 def test_same_seed_same_pictures():
     made, again, other = (
         psp_test(seed, incidences=1, size_px=(120, 80), nodes=2_000, on_frames=2, off_frames=2) for seed in (5, 5, 6)

@@ -101,6 +101,7 @@ def test_the_camera_s_covariance_is_in_that_of_the_pose():
     assert 0.6 < np.mean(off) < 1.5  # chi^2 of 120 numbers or more is 1 +- 0.13, and the step is to first order
 
 
+@pytest.mark.slow
 def test_places_are_off_by_what_their_ellipsoids_say():
     """The pose's covariance is in them: without it they would be off by several sigma."""
     off, bare = [], []

@@ -288,6 +288,7 @@ def test_groups_that_share_nothing_are_named():
     assert identities(result, case)[1] == 0
 
 
+@pytest.mark.slow
 def test_pictures_that_nothing_connects_are_the_reason_where_the_others_lack_the_primaries():
     case = two_halves(primary_in_both=False)
     spots = [d if v < 4 else d.take(np.arange(10)) for v, d in enumerate(case.detections)]

@@ -126,6 +126,7 @@ def test_markers_that_moved_between_the_pictures_are_named():
     assert on_flap.mean() > 0.9
 
 
+@pytest.mark.slow
 def test_a_primary_off_its_table_is_named(model):
     given = primaries(model)
     xyz = given.xyz.copy()

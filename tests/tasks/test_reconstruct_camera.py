@@ -78,6 +78,7 @@ def test_a_camera_without_its_lens_is_the_reason_and_no_control_point_is():
     assert (found.cause, "calibrate the camera" in found.next_step) == ("lens", True)
 
 
+@pytest.mark.slow
 def test_another_principal_point_is_no_focal_length_and_costs_no_control_point_its_name():
     result = made(OTHER_CENTRE, 6, 6)
     assert [d.cause for d in result.doubts] == ["lens"]
@@ -92,6 +93,7 @@ def test_another_aspect_ratio_of_few_pictures_is_named_though_the_primaries_are_
     assert "aspect ratio of 1.000" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("views", "step_deg"), [(2, 15.0), (3, 12.0)])
 def test_few_pictures_without_the_lens_are_doubted_and_the_right_camera_is_unchecked(views, step_deg):
     wrong = made(NO_LENS, views, 4, step_deg)
@@ -113,6 +115,7 @@ def test_the_right_camera_of_many_pictures_is_checked():
     assert result.unchecked == ""
 
 
+@pytest.mark.slow
 def test_a_wrong_control_point_is_no_other_camera():
     result = made(RIGHT, 8, 6, wrong=0.3)
     assert not result.doubts

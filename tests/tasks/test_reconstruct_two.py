@@ -90,6 +90,7 @@ def test_labels_in_both_pictures_are_enough():
     assert (wrong, right > 0.6 * len(both)) == (0, True)
 
 
+@pytest.mark.slow
 def test_poses_two_degrees_off_give_nothing_wrong():
     for seed in range(3):
         _, poses, spots, labels = pair(seed, 67, 12, "plate")

@@ -95,6 +95,7 @@ def test_of_two_that_contradict_each_other_neither_is_believed():
     assert "without left or right the rest is registered" in done.answer.reason
 
 
+@pytest.mark.slow
 def test_a_camera_that_shows_something_else_stops_no_other():
     rig, other = scenes.rig_scene(523, "A", 2), scenes.rig_scene(999, "B", 1, false=1.0)
     views = views_of(rig)
