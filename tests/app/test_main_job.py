@@ -58,6 +58,8 @@ def test_every_promised_file_is_there_and_reads_back(finished):
         np.testing.assert_allclose(np.sqrt(np.mean(table.residual**2) * 2), rms, rtol=1e-6)
         _, fields = io.read_nodes_netcdf(place / "nodes.nc")[:2]
         np.testing.assert_array_equal(fields["value"], item.values)
+        np.testing.assert_array_equal(fields["sigma"], item.sigma)
+        assert (np.isfinite(item.sigma) == item.nodes.visible).all()
         for name in ("nodes.vtp", "nodes.dat", "nodes.f", "nodes.nam", "nodes.csv", "view-top.tif", "aligned.tif"):
             assert (place / name).stat().st_size > 0
     assert str(folder.parents[0]) not in (folder / "summary.json").read_text(encoding="utf-8")

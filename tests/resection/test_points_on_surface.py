@@ -12,6 +12,7 @@ from windmark.geometry import Camera
 from windmark.resection import (
     POINT_REASONS,
     Picture,
+    map_pixels,
     nearest_on_surface,
     noise_law,
     point_values,
@@ -20,6 +21,7 @@ from windmark.resection import (
     surface_line,
 )
 from windmark.resection.nearest import nearest_weights
+from windmark.resection.sources import prepare
 from windmark.scene import Mesh
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -180,12 +182,32 @@ def test_sigma_by_monte_carlo(rng, interpolation):
     assert 0.85 < np.sqrt(np.nanmean(np.square(z))) < 1.15
 
 
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+def test_beside_an_outline_the_sigma_holds_the_other_surface(rng, interpolation):
+    """A dark box above a bright plate, four by four rays to the pixel: no value is beyond what it says of itself."""
+    mesh, pose, _ = scene()
+    fine = Camera((1280, 960), 4 * CAMERA.focal_px, cx=4 * CAMERA.cx + 1.5, cy=4 * CAMERA.cy + 1.5)
+    part = np.arange(len(mesh.triangles)) >= len(plate(20, 16).triangles)
+    seen = map_pixels(mesh, fine, pose)
+    light = np.where(seen.valid, np.where(part[np.maximum(seen.triangle, 0)], 200.0, 1000.0), 0.0)
+    image = light.reshape(240, 4, 320, 4).mean(axis=(1, 3)) + rng.normal(size=(240, 320))
+    asked = np.column_stack([rng.uniform([-0.2, -0.6], [1.4, 1.0], (2000, 2)), np.zeros(2000)])
+    on_box = (np.abs(asked[:, :2] - [0.6, 0.2]) < 0.3).all(axis=1)
+    asked[on_box, 2] = 0.8
+    found = sample_points(image, CAMERA, pose, mesh, asked, noise=1.0, interpolation=interpolation)
+    good = found.reason == 0
+    z = np.abs(found.value - np.where(on_box, 200.0, 1000.0))[good] / found.sigma[good]
+    assert (z.max() < 6, 0.8 < np.sqrt(np.mean(np.square(z))) < 1.2) == (True, True)
+    assert np.mean(found.sigma[good] < 1.1) > 0.8  # most are away from it: their sigma is the noise's
+    assert np.sum(found.sigma[good] > 20) > 20
+
+
 def test_taps_move_with_the_deformed_grid():
     mesh, pose, image = scene()
     bent = Mesh(mesh.vertices + [0, 0, 0.3] * np.abs(mesh.vertices[:, :1]), mesh.triangles, mesh.volume)
     asked = np.array([[-1.0, 0.3, 0.0]])
     points = nearest_on_surface(mesh, asked)
-    found = point_values(Picture("p", image, CAMERA, pose, 1.0), bent, asked, points)
+    found = point_values(prepare(Picture("p", image, CAMERA, pose, 1.0), bent, "cubic", "test"), bent, asked, points)
     np.testing.assert_allclose(found.xyz, [[-1.0, 0.3, 0.3]], atol=1e-9)
     np.testing.assert_allclose(found.xy, CAMERA.project(pose.apply(found.xyz))[0])
 

@@ -26,6 +26,7 @@ from windmark.scene import Mesh
 SIDE = 9
 CAMERA = Camera((40, 30), 60.0)
 ABOVE = Pose.look_at([1.0, -2.0, 9.0], [0.2, 0.1, 0.0], [0.1, 1.0, 0.0])
+SHEET = Mesh.make([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]], [[0, 1, 2]])
 
 
 def source(pixels, interpolation="cubic", noise=0.0, **picture):
@@ -33,7 +34,8 @@ def source(pixels, interpolation="cubic", noise=0.0, **picture):
     size = np.shape(pixels)[1::-1]
     camera = CAMERA if size == CAMERA.size_px else Camera(size, 50.0)
     given = Picture("p", pixels, camera, ABOVE, noise, **picture)
-    return Prepared(given, np.asarray(pixels, dtype=np.float32), NoiseLaw(noise**2, 0.0, 0.0), interpolation)
+    law, inside = NoiseLaw(noise**2, 0.0, 0.0), np.full(np.shape(pixels), np.inf)
+    return Prepared(given, np.asarray(pixels, dtype=np.float32), law, interpolation, inside)
 
 
 def places(rng):
@@ -78,10 +80,10 @@ def test_gradients_of_a_slope_are_its_own_also_next_to_what_is_missing(rng):
 def test_the_variance_of_one_pixel_is_that_of_the_nearest_one(rng):
     sigma = rng.uniform(1, 2, (30, 40))
     picture = Picture("p", np.ones((30, 40)), CAMERA, ABOVE, sigma)
-    ready = prepare(picture, None, "linear", "verb")
+    ready = prepare(picture, SHEET, "linear", "verb")
     xy = np.array([[0.0, 0.0], [39.4, 29.4], [-0.5, 12.2], [7.4, 3.6], [39.0, 0.0]])
     np.testing.assert_allclose(_variance(ready, np.ones(5), xy), sigma[[0, 29, 12, 4, 0], [0, 39, 0, 7, 39]] ** 2)
-    one = prepare(replace(picture, noise=3.0), None, "linear", "verb")
+    one = prepare(replace(picture, noise=3.0), SHEET, "linear", "verb")
     np.testing.assert_allclose(_variance(one, np.ones(5), xy), 9.0)
 
 
@@ -93,17 +95,17 @@ def test_the_variance_of_one_pixel_is_that_of_the_nearest_one(rng):
 def test_noise_is_one_sigma_or_one_for_each_pixel(noise, fine):
     picture = Picture("p", np.ones((30, 40)), CAMERA, ABOVE, noise)
     if fine:
-        assert prepare(picture, None, "linear", "verb")
+        assert prepare(picture, SHEET, "linear", "verb")
         return
     with pytest.raises(ValueError, match=r"verb: noise must be a sigma >= 0, or one for each pixel"):
-        prepare(picture, None, "linear", "verb")
+        prepare(picture, SHEET, "linear", "verb")
 
 
 @pytest.mark.parametrize("shape", [(5, 5), (6,), (6, 7), (7, 6)])
 def test_a_covariance_of_another_shape_is_no_poses(shape):
     picture = Picture("p", np.ones((30, 40)), CAMERA, ABOVE, 1.0, np.ones(shape))
     with pytest.raises(ValueError, match=r"verb: pose_cov must be \(6, 6\)"):
-        prepare(picture, None, "linear", "verb")
+        prepare(picture, SHEET, "linear", "verb")
 
 
 @pytest.mark.parametrize("focal", [False, True])
@@ -165,8 +167,18 @@ def test_next_to_an_outline_a_value_may_be_anywhere_within_the_mixed_pixels(rng)
     # Evenly within +- EDGE_PX: a third of its square.
     mixed = 2.0**2 * EDGE_PX**2 / 3
     np.testing.assert_allclose(_of_mixing(ready, xy), [mixed, mixed, 0.0, 0.0], rtol=1e-4)
-    np.testing.assert_array_equal(_of_mixing(replace(ready, inside_px=None), xy), np.zeros(4))
     np.testing.assert_array_equal(_of_mixing(replace(ready, inside_px=np.full((30, 40), np.inf)), xy), np.zeros(4))
+
+
+def test_a_cubic_surface_takes_one_pixel_farther_from_an_outline():
+    """What it takes is its difference to a linear one; beyond, where it is curved all the same, there is no outline."""
+    _, x = np.mgrid[:30, :40].astype(float)
+    ready = replace(source(np.where(x >= 20, 100.0, 0.0)), inside_px=np.abs(x - 20.0))
+    xy = np.array([[18.3, 8.0], [17.4, 8.0]])
+    cubic = interpolate_image(ready.pixels, xy, interpolation="cubic")
+    assert abs(cubic[0]) > 1.0
+    np.testing.assert_allclose(_of_mixing(ready, xy), [cubic[0] ** 2, 0.0], rtol=1e-4)
+    np.testing.assert_array_equal(_of_mixing(replace(ready, interpolation="linear"), xy), np.zeros(2))
 
 
 def test_the_weight_is_the_number_of_pixels_on_a_patch_over_the_noise(rng):

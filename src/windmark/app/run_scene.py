@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from windmark.app.residual_shifts import SeenBy, residual_shifts
 from windmark.app.scene3d import STATION_COLOURS, Cut, Field, Markers, Scene3D, Shifts, Station, looking_over
 from windmark.errors import earned_decimals, g2
-from windmark.pipeline.node_sigma import node_sigma
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.scene import MarkerSet, Mesh
 
@@ -70,8 +69,8 @@ def _focus(mesh: Mesh | None, fields: Sequence[NDArray[np.floating]], markers: M
 def _field(item: ImageResult, result: RunResult, mesh: Mesh, *, coarse: bool) -> Field:
     """Values of an image; ``coarse`` for all but the first, so that each costs little."""
     assert item.values is not None
-    sigma = node_sigma(item, mesh, result.project.resect.interpolation)
-    values = item.values.astype(float)
+    assert item.sigma is not None
+    values, sigma = item.values.astype(float), item.sigma.astype(float)
     return Field(item.name, item.name, item.quantity.label, values, sigma, shifts=shifts(item, result),
                  coarse=coarse)  # fmt: skip
 

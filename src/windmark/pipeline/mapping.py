@@ -20,6 +20,7 @@ from windmark.pipeline.project import Project
 from windmark.pipeline.project_entries import ResectOptions, SectionEntry
 from windmark.pipeline.results import FramedView, ImageResult, SectionValues, ViewImage
 from windmark.resection import NodeView, PixelMap
+from windmark.resection.sources import prepare, value_variance
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -81,10 +82,12 @@ def map_image(
             sections = _each(
                 project.section, lambda cut: _section(cut, image, result.camera, pose, mesh, options), lost
             )
+        with clock("sigma of values"):
+            source = prepare(picture_of(result), mesh, options.interpolation, "map_image")
+            sigma = np.sqrt(value_variance(source, nodes, mesh.vertices, values.astype(float))).astype(np.float32)
         with clock("points and lines"):
-            tables = image_points(points, picture_of(result), mesh, max_obliquity_deg=options.max_obliquity_deg,
-                                  interpolation=options.interpolation)  # fmt: skip
-        result = replace(result, nodes=nodes, values=values, views=views, sections=sections, points=tables,
+            tables = image_points(points, source, mesh, max_obliquity_deg=options.max_obliquity_deg)
+        result = replace(result, nodes=nodes, values=values, sigma=sigma, views=views, sections=sections, points=tables,
                          left_out=tuple(lost))  # fmt: skip
         if project.output.pixels:
             with clock("pixel map"):

@@ -85,9 +85,11 @@ def _write_image_nodes(item: ImageResult, result: RunResult, place: Path, clock:
     nodes, values = item.nodes, item.values
     assert nodes is not None
     assert values is not None
+    assert item.sigma is not None
     name = item.quantity.column
-    fields = {name: values, "obliquity_deg": np.where(nodes.visible, nodes.obliquity_deg, np.nan)}
-    units = {name: item.quantity.unit_words, "obliquity_deg": "deg"}
+    unit = item.quantity.unit_words
+    fields = {name: values, "sigma": item.sigma, "obliquity_deg": np.where(nodes.visible, nodes.obliquity_deg, np.nan)}
+    units = {name: unit, "sigma": unit, "obliquity_deg": "deg"}
     _write_nodes(result, place, clock, fields, units, _history(item, result))
 
 

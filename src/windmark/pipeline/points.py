@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,8 @@ from windmark.errors import WindmarkError
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import Project
 from windmark.pipeline.wanted import LineEntry, PointsEntry
-from windmark.resection import MergedValues, MergedViews, NodeView, Picture, PointValues, SurfacePoints
+from windmark.resection import MergedValues, MergedViews, NodeView, PointValues, SurfacePoints
+from windmark.resection.sources import Prepared
 from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -131,16 +132,14 @@ def _limit(max_distance: float | None, mesh: Mesh) -> float:
     return 2e-3 * mesh.size if max_distance is None else max_distance
 
 
-def image_points(sets: tuple[PointSet, ...], picture: Picture, mesh: Mesh, *, max_obliquity_deg: float,
-                 interpolation: str) -> tuple[PointTable, ...]:  # fmt: skip
+def image_points(
+    sets: tuple[PointSet, ...], source: Prepared, mesh: Mesh, *, max_obliquity_deg: float
+) -> tuple[PointTable, ...]:
     """Values of one image at all sets."""
-    if sets and picture.noise is None:
-        picture = replace(picture, noise=resection.noise_law(picture.image))
     return tuple(
-        PointTable(s, resection.point_values(picture, mesh, s.asked, s.surface, max_obliquity_deg=max_obliquity_deg,
-                                             interpolation=interpolation))
+        PointTable(s, resection.point_values(source, mesh, s.asked, s.surface, max_obliquity_deg=max_obliquity_deg))
         for s in sets
-    )  # fmt: skip
+    )
 
 
 def merged_points(sets: tuple[PointSet, ...], merged: MergedViews) -> tuple[MergedTable, ...]:

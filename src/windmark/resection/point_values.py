@@ -14,7 +14,7 @@ from windmark.resection.nearest import SurfacePoints, nearest_on_surface
 from windmark.resection.noise import NoiseLaw
 from windmark.resection.reasons import REASONS, VISIBLE
 from windmark.resection.sampling import node_values
-from windmark.resection.sources import Picture, prepare, value_variance
+from windmark.resection.sources import Picture, Prepared, prepare, value_variance
 from windmark.resection.surface_view import see_surface
 from windmark.resection.visibility import NodeView
 from windmark.scene import Mesh
@@ -39,7 +39,7 @@ class PointValues:
     Parameters
     ----------
     value : (N,) NaN where there is none
-    sigma : (N,) of the picture's noise and the pose
+    sigma : (N,) of the picture's noise and the pose, and of what a pixel next to an outline shows of another surface
     reason : (N,) uint8, 0 or why there is no value, see `POINT_REASONS`
     xy : (N, 2) pixels, NaN where the point has no place in the picture
     xyz : (N, 3) the point of the surface that was looked at
@@ -143,31 +143,30 @@ def sample_points(
     )  # fmt: skip
     points = nearest_on_surface(mesh, xyz, normal=normal, max_distance=max_distance)
     picture = Picture("image", np.asarray(image), camera, cam_from_model, noise, pose_cov)
-    return point_values(picture, mesh, np.asarray(xyz, dtype=float), points, max_obliquity_deg=max_obliquity_deg,
-                        interpolation=interpolation, tolerance=tolerance)  # fmt: skip
+    source = prepare(picture, mesh, interpolation, "sample_points")
+    return point_values(source, mesh, np.asarray(xyz, dtype=float), points, max_obliquity_deg=max_obliquity_deg,
+                        tolerance=tolerance)  # fmt: skip
 
 
 def point_values(
-    picture: Picture,
+    source: Prepared,
     mesh: Mesh,
     asked: Array,
     points: SurfacePoints,
     *,
     max_obliquity_deg: float | None = 80.0,
-    interpolation: str = "cubic",
     tolerance: float | None = None,
     place_cov: Array | None = None,
 ) -> PointValues:
-    """`sample_points` for points (N, 3) whose places on the surface are known already.
+    """`sample_points` for points (N, 3) whose places on the surface are known already, in a picture of `prepare`.
 
     ``mesh`` may be the grid on which they were found in another shape; ``moved`` stays as it was there. ``place_cov``
     (N, 3, 3): covariance of the places on that grid.
     """
-    source = prepare(picture, None, interpolation, "sample_points")
-    view = see_surface(mesh, points, picture.camera, picture.cam_from_model, max_obliquity_deg=max_obliquity_deg,
-                       tolerance=tolerance)  # fmt: skip
+    camera, pose = source.picture.camera, source.picture.cam_from_model
+    view = see_surface(mesh, points, camera, pose, max_obliquity_deg=max_obliquity_deg, tolerance=tolerance)
     reason = point_reasons(asked, points, view)
-    value = node_values(source.pixels, view, interpolation=interpolation).astype(float)
+    value = node_values(source.pixels, view, interpolation=source.interpolation).astype(float)
     value[reason != VISIBLE] = np.nan
     place = points.on(mesh)
     sigma = np.sqrt(value_variance(source, view, place, value, place_cov))

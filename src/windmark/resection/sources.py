@@ -63,15 +63,14 @@ class Picture:
 class Prepared:
     """A `Picture`, checked, with what is made once for all its points.
 
-    ``inside_px``: (H, W) distance of every pixel to the next outline of the model or pixel without a value; None where
-    weights are not asked for.
+    ``inside_px``: (H, W) distance of every pixel to the next outline of the model or pixel without a value.
     """
 
     picture: Picture
     pixels: Image
     noise: NoiseLaw | Array
     interpolation: str
-    inside_px: Array | None = field(default=None, repr=False)
+    inside_px: Array = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -92,8 +91,8 @@ class Taken:
     taper: Array
 
 
-def prepare(picture: Picture, mesh: Mesh | None, interpolation: str, verb: str) -> Prepared:
-    """Check a picture; with a mesh, find the outlines that its weights are tapered to."""
+def prepare(picture: Picture, mesh: Mesh, interpolation: str, verb: str) -> Prepared:
+    """Check a picture, and find the outlines beside which it mixes two surfaces."""
     pixels = checked_image(picture.image, picture.camera.size_px, verb)
     if pixels.ndim != 2:
         raise ValueError(f"{verb}: image must be (H, W), got {pixels.shape}")
@@ -101,8 +100,7 @@ def prepare(picture: Picture, mesh: Mesh | None, interpolation: str, verb: str) 
     cov = picture.pose_cov
     if cov is not None and (np.ndim(cov) != 2 or np.shape(cov)[0] < 6 or np.shape(cov)[0] != np.shape(cov)[1]):
         raise ValueError(f"{verb}: pose_cov must be (6, 6), got {np.shape(cov)}")
-    return Prepared(picture, pixels, _noise(picture, verb), interpolation,
-                    None if mesh is None else _inside_px(pixels, mesh, picture))  # fmt: skip
+    return Prepared(picture, pixels, _noise(picture, verb), interpolation, _inside_px(pixels, mesh, picture))
 
 
 def _noise(picture: Picture, verb: str) -> NoiseLaw | Array:
@@ -155,15 +153,15 @@ def take(
 
 def value_variance(source: Prepared, view: NodeView, xyz: Array, value: Array, place_cov: Array | None = None
                    ) -> Array:  # fmt: skip
-    """(N,) variance of values that `node_values` took at points (N, 3): the picture's noise and the pose; and that of
-    the points' own places, of covariance (N, 3, 3).
+    """(N,) variance of values that `node_values` took at points (N, 3): of the picture's noise, of the pose, of what
+    lies beyond an outline that is near; and that of the points' own places, of covariance (N, 3, 3).
     """
     good = np.flatnonzero(np.isfinite(value))
     out = np.full(len(value), np.nan)
     xy = view.xy[good]
     cam, jacobian = _projected(source.picture, xyz[good])
     noise = _variance(source, value[good], xy) * _noise_share(source, xy)
-    out[good] = noise + _of_place(source, cam, jacobian, xy)
+    out[good] = noise + _of_place(source, cam, jacobian, xy) + _of_mixing(source, xy)
     if place_cov is not None:
         along = np.einsum("nk,nkj->nj", _gradient(source, xy), jacobian) @ source.picture.cam_from_model.rotation
         out[good] += np.einsum("nj,njk,nk->n", along, place_cov[good], along)
@@ -224,13 +222,20 @@ def _of_place(source: Prepared, cam: Array, jacobian: Array, xy: Array) -> Array
 
 
 def _of_mixing(source: Prepared, xy: Array) -> Array:
-    """Variance of the values next to an outline, whose pixels may show the other surface: anywhere within `EDGE_PX`."""
-    if source.inside_px is None or not np.isfinite(source.inside_px).any():
+    """Variance of the values next to an outline, whose pixels may show the other surface: anywhere within `EDGE_PX`.
+
+    A cubic surface reaches one pixel farther than that, and what it takes from there is its difference to a linear one.
+    """
+    if not np.isfinite(source.inside_px).any():
         return np.zeros(len(xy))
-    near = interpolate_image(source.inside_px, xy, interpolation="linear") < EDGE_PX
-    out = np.zeros(len(xy))
+    away = interpolate_image(source.inside_px, xy, interpolation="linear")
+    out, near = np.zeros(len(xy)), away < EDGE_PX
     gradient = _gradient(source, xy[near])
     out[near] = np.einsum("nk,nk->n", gradient, gradient) * EDGE_PX**2 / 3
+    if source.interpolation == "cubic":
+        near = away < EDGE_PX + 1.0
+        cubic, linear = (interpolate_image(source.pixels, xy[near], interpolation=k) for k in ("cubic", "linear"))
+        out[near] += np.square(cubic.astype(float) - linear.astype(float))
     return out
 
 
@@ -270,7 +275,7 @@ def _taper(source: Prepared, view: NodeView, good: NDArray[np.int64], max_obliqu
     border = np.minimum(xy + 0.5, np.array([width, height]) - 0.5 - xy).min(axis=1)
     angle = np.nan_to_num(view.obliquity_deg[good], nan=0.0)
     out = _smooth((max_obliquity_deg - angle) / taper_deg) * _smooth(border / taper_px)
-    if source.inside_px is not None and np.isfinite(source.inside_px).any():
+    if np.isfinite(source.inside_px).any():
         inside = interpolate_image(source.inside_px, xy, interpolation="linear").astype(float)
         out *= _smooth((inside - EDGE_PX) / taper_px)
     return np.asarray(out)

@@ -14,6 +14,7 @@ from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.points import PointSet, on_grid, read_lists
 from windmark.resection import Picture, PointValues
+from windmark.resection.sources import prepare
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
 
 Array = NDArray[np.float64]
@@ -94,11 +95,11 @@ class PointMapper:
             camera = frame.state.cameras.get(name, station.camera)
             pose = frame.state.cam_from_tunnel.get(name, station.cam_from_tunnel)
             image = read(images.images[name], station)
-            picture = Picture(name, image, camera, pose, resection.noise_law(image))
+            source = prepare(Picture(name, image, camera, pose), moved, self._interpolation, "values at points")
             for s in self.sets:
                 values = resection.point_values(
-                    picture, moved, s.asked, s.surface, max_obliquity_deg=self._oblique,
-                    interpolation=self._interpolation, place_cov=self._place_cov(frame.state, s),
+                    source, moved, s.asked, s.surface, max_obliquity_deg=self._oblique,
+                    place_cov=self._place_cov(frame.state, s),
                 )  # fmt: skip
                 values = PointValues(values.value - self._black, values.sigma, values.reason, values.xy, values.xyz,
                                      values.moved)  # fmt: skip
