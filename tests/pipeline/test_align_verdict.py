@@ -51,3 +51,21 @@ def test_walls_are_left_out_in_silence():
         assert verdict_of(25, 12, np.random.default_rng(seed)).word == GOOD
     # Places that were clicked are whole pixels: the same ones twice are no copy.
     assert verdict_of(25, 12, np.random.default_rng(6), copied=12, named=True).word == GOOD
+
+
+def test_a_part_that_moved_by_itself_is_named_with_its_place_and_the_map_of_sigmas_has_it():
+    """Five of sixty were "rejected", fewer than a tenth, and the flap was 6 px off at a sigma of 0.002 px."""
+    rng = np.random.default_rng(3)
+    x = rng.uniform([50, 50], [950, 950], (60, 2))
+    flap = x[:, 0] > 870
+    y = x + np.array([3.0, -1.0]) + np.outer(flap, [0.0, 6.0]) + rng.normal(0, NOISE, x.shape)
+    a, b = (Detections.make(p, sigma_px=NOISE) for p in (x, y))
+    answer = wm.align_images(BLANK, BLANK, detections=b, reference_detections=a)
+    item = SimpleNamespace(alignment=answer, image=None, path=Path("on.tif"), seconds=0.1)
+    row = record_of(item, SimpleNamespace(named=None, image=BLANK))
+    assert [part["markers"] for part in row["apart"]] == [flap.sum()]
+    verdict = align_verdict([row], {})
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "marker")
+    assert f"{flap.sum()} markers that are next to each other (at x 8" in verdict.reason
+    assert "moved by 6 px against the others" in verdict.reason
+    assert len(verdict.findings) == 1  # that they were left out is not said once more

@@ -25,6 +25,11 @@ NOISE_ONLY = 2.0
 MOST = 0.3
 """Part of the pairs that may be wrong."""
 NEIGHBOURS = 6
+DRAWS, GAP, BETTER = 200, 2.0, 0.7
+"""Threes of pairs that are tried for the motion of the most; the others of two motions are so much farther off than
+what is still taken for noise: a surface that bends has places with every distance between. And two motions predict
+pairs that they have not seen so much better than a smooth one does.
+"""
 
 
 def sound_pairs(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
@@ -36,6 +41,9 @@ def sound_pairs(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
     - if without it an affine transformation explains all others to their noise: deformation that one mark alone shows
       is a wrong mark;
     - if it stands out from a smoothing spline through the others, so that deformation is not taken for wrong pairs.
+      Where one affine transformation explains most of all pairs to their noise, all others are clearly off it, and a
+      spline calls several pairs wrong or predicts them worse than two motions do, these are the wrong ones: it bends
+      towards both sides of a step.
 
     Pairs go one after the other, or together where they are no neighbours.
     """
@@ -73,7 +81,46 @@ def sound_pairs(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
         off = fit.transform.apply(x[bent]) - y[bent]
         sigma = np.hypot(fit.transform.sigma_px(x[bent]), spread[bent])
         kept[np.array(bent)[np.hypot(*off.T) < SIGMAS * sigma]] = True
-    return kept
+    most = _of_one_motion(x, y, cov_x, cov_y, spread)
+    if most is None or most.all():
+        return kept
+    if bent and (~kept).sum() > 1:
+        return most
+    # A spline that takes a step for bending predicts the markers at it worse than two motions do.
+    few = np.flatnonzero(~most & kept)
+    smooth, one = fitted("spline", np.flatnonzero(kept)), fitted("affine", np.flatnonzero(most))
+    other = fitted("affine", few) or fitted("similarity", few)
+    if smooth is None or one is None or other is None:
+        return kept
+    apart = np.vstack([one.held_out[kept[most]], other.held_out])
+    return most if _rms(apart) < BETTER * _rms(smooth.held_out) else kept
+
+
+def _rms(off: Array) -> float:
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+
+def _of_one_motion(x: Array, y: Array, cov_x: Array, cov_y: Array, spread: Array) -> Mask | None:
+    """The pairs (N,) of one affine transformation, where it explains most to their noise and no other nearly."""
+    limit, rng = np.maximum(LEAST_PX, SIGMAS * spread), np.random.default_rng(0)
+    place = np.column_stack([x - x.mean(axis=0), np.ones(len(x))])
+    three = np.stack([rng.choice(len(x), 3, replace=False) for _ in range(DRAWS)])
+    apart = np.abs(np.linalg.det(place[three]))
+    three = three[apart > 0.1 * apart.max(initial=0.0)]
+    if not len(three):
+        return None
+    off = place @ np.linalg.solve(place[three], y[three]) - y
+    one = off[(np.hypot(*np.moveaxis(off, -1, 0)) < limit).sum(axis=1).argmax()]
+    most = np.asarray(np.hypot(*one.T) < limit)
+    for _ in range(3):
+        try:
+            fit = fit_planar("affine", x[most], y[most], cov_x[most], cov_y[most])
+        except DegenerateGeometry:
+            return None
+        distance = np.hypot(*(fit.transform.apply(x) - y).T)
+        most = distance < limit
+    sure = most.mean() >= 1 - MOST and fit.transform.misfit_px < NOISE_ONLY * float(np.median(spread[most]))
+    return most if sure and (distance[~most] > GAP * limit[~most]).all() else None
 
 
 def _stands_out(fit: PlanarFit, spread: Array, gross: float) -> Mask:

@@ -64,6 +64,7 @@ def record_of(item: AlignedFile, reference: Reference) -> Record:
     return {
         "image": item.path.name, "aligned": True, "problem": "", "kind": answer.kind, "choice": answer.choice,
         "pairs": len(answer.pairs), "rejected_pairs": len(answer.rejected),
+        "apart": parts_of(answer),
         "standing_still": len(answer.still), "still": still_part(answer, named=reference.named is not None),
         "reference_spots": len(answer.reference_spots), "image_spots": len(answer.image_spots),
         "held_out_rms_px": answer.held_out_px, "rms_px": answer.rms_px,
@@ -75,6 +76,18 @@ def record_of(item: AlignedFile, reference: Reference) -> Record:
                   for t in answer.trials},
         "seconds": item.seconds,
     }  # fmt: skip
+
+
+def parts_of(answer: ImageAlignment) -> list[Record]:
+    """Parts that moved by themselves: markers, where (smallest and largest x and y in the reference), how far."""
+    out = []
+    for part in answer.apart:
+        i, j = answer.rejected[part].T
+        there = answer.reference_spots.xy[i]
+        off = np.hypot(*(answer.image_spots.xy[j] - answer.transform.apply(there)).T)
+        x, y = ([float(of.min()), float(of.max())] for of in there.T)
+        out.append({"markers": len(part), "x": x, "y": y, "off_px": float(np.median(off))})
+    return out
 
 
 def still_part(answer: ImageAlignment, *, named: bool) -> Record | None:

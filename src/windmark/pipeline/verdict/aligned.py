@@ -64,7 +64,8 @@ def _aligned(row: Record) -> list[Finding]:
             )
         )
     pairs, gone = row["pairs"], row["rejected_pairs"]
-    if gone > rules.LEFT_OUT * (pairs + gone) and gone > 1:
+    out += [_apart(part) for part in row["apart"]]
+    if gone > rules.LEFT_OUT * (pairs + gone) and gone > max(1, sum(part["markers"] for part in row["apart"])):
         said = f"{gone} of {pairs + gone} pairs of markers contradict the others and were left out"
         out.append(Finding(DOUBTFUL, "marker", said, "see which in residuals.csv: markers that moved, or wrong names"))
     if pairs < rules.FEW:
@@ -73,13 +74,27 @@ def _aligned(row: Record) -> list[Finding]:
     return [*out, *_still(row)]
 
 
+def _apart(part: Record) -> Finding:
+    """Markers that contradict the others, and agree with each other."""
+    said = (
+        f"{part['markers']} markers that are next to each other ({_where(part)}) moved by {g2(part['off_px'])} px "
+        "against the others: a part that moves by itself, aligned as if it did not; sigma.tif has it there"
+    )
+    step = "align that part for itself (--mask, --image-mask), or in 3D with a law of its own (windmark deform)"
+    return Finding(DOUBTFUL, "marker", said, step)
+
+
+def _where(part: Record) -> str:
+    return f"at x {part['x'][0]:.0f} to {part['x'][1]:.0f}, y {part['y'][0]:.0f} to {part['y'][1]:.0f}"
+
+
 def _still(row: Record) -> list[Finding]:
     """Markers that were taken for walls as they stand still, and are a copy of the reference's, or most of all."""
     part, still = row["still"], row["standing_still"]
     every = row["pairs"] + row["rejected_pairs"] + still
     if part is None:
         return []
-    where = f"at x {part['x'][0]:.0f} to {part['x'][1]:.0f}, y {part['y'][0]:.0f} to {part['y'][1]:.0f}"
+    where = _where(part)
     if part["copied"]:
         said = (
             f"{part['copied']} of {every} markers ({where}) show what the reference shows while the others moved "

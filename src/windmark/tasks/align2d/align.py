@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark import detection, resection
 from windmark.errors import UsageError
-from windmark.geometry.planar import KINDS, Choice, PlanarTransform, choose, sound_pairs
+from windmark.geometry.planar import KINDS, Choice, PlanarFit, PlanarTransform, choose, sound_pairs
 from windmark.options.detection import MERIT_MAX, POLARITY
 from windmark.scene import Detections
+from windmark.tasks.align2d.apart import moved_together
 from windmark.tasks.align2d.matching import SpotMatching, match_spots
 from windmark.tasks.align2d.result import ImageAlignment, NotAligned
-from windmark.tasks.align2d.still import standing_still
+from windmark.tasks.align2d.still import have_not_moved, standing_still
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -110,6 +111,8 @@ def align_images(
     assert choice.chosen is not None
     fit = choice.chosen.fit
     assert fit is not None
+    if pairs is None:
+        rejected, still = _with_left_over(a, b, kept, rejected, still, fit, picture.shape[:2], options)
     height, width = base.shape[:2]
     values = resection.warp_image(picture, unfolded(fit.transform, a.xy[kept[:, 0]]), (width, height))
     return ImageAlignment(
@@ -184,6 +187,28 @@ def _fitted(
     held = trial.fit.held_out_px
     asked = Choice(choice.trials, trial, f"{kind}: as asked for, held-out residual {held:.3f} px")
     return asked, kept, rejected, still
+
+
+def _with_left_over(
+    a: Detections, b: Detections, kept: Ints, rejected: Ints, still: Ints, fit: PlanarFit, shape: tuple[int, int],
+    options: dict[str, Any],
+) -> tuple[Ints, Ints]:  # fmt: skip
+    """Rejected and still pairs, with those that the matching has not, as they moved too differently: `moved_together`.
+
+    A part that moved by itself, or walls that did not move beside a model that did.
+    """
+    taken = np.concatenate([kept, still])
+    i, j = (np.setdiff1d(np.arange(len(spots)), taken[:, side]) for side, spots in enumerate((a, b)))
+    expected = fit.transform.apply(a.xy[i])
+    shown = ((expected > -0.5) & (expected < np.array(shape[::-1]) - 0.5)).all(axis=1)
+    i, expected = i[shown], expected[shown]
+    found = moved_together(expected, b.xy[j], float(shape[0] * shape[1]))
+    more = np.stack([i[found[:, 0]], j[found[:, 1]]], axis=1)
+    if options["max_shift_px"] is not None:
+        more = more[np.hypot(*(b.xy[more[:, 1]] - a.xy[more[:, 0]]).T) <= options["max_shift_px"]]
+    again = np.isin(rejected[:, 0], more[:, 0]) | np.isin(rejected[:, 1], more[:, 1])
+    wall = np.zeros(len(more), dtype=bool) if options["keep_still"] else have_not_moved(*_places(a, b, more))
+    return np.concatenate([rejected[~again], more[~wall]]), np.concatenate([still, more[wall]])
 
 
 def _places(a: Detections, b: Detections, index: Ints) -> tuple[Array, Array, Array, Array]:

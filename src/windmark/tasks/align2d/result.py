@@ -13,7 +13,9 @@ from windmark.errors import g3
 from windmark.geometry.described import described
 from windmark.geometry.planar import PlanarTransform, Trial, hull_of, inside_hull
 from windmark.scene import Detections, plots
+from windmark.scene.detections import middle_sigma
 from windmark.scene.shown import pandas_table
+from windmark.tasks.align2d.apart import of_parts, parts_apart
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -131,6 +133,22 @@ class ImageAlignment:
         return self.image_xy - self.reference_xy
 
     @property
+    def apart(self) -> list[Ints]:
+        """Parts that moved by themselves: for each the rows of ``rejected``, the largest part first."""
+        if len(self.rejected) < 2:
+            return []
+        x, off, sigma = self._off()
+        return parts_apart(x, off, sigma, self.reference_xy)
+
+    def _off(self) -> tuple[Array, Array, Array]:
+        """Places of the rejected markers, how far they are from where the transformation has them, and its sigma."""
+        i, j = self.rejected.T
+        x = self.reference_spots.xy[i]
+        marks = middle_sigma(self.reference_spots.cov[i]) ** 2 + middle_sigma(self.image_spots.cov[j]) ** 2
+        sigma = np.sqrt(np.nan_to_num(marks) + self.transform.sigma_px(x) ** 2)
+        return x, self.image_spots.xy[j] - self.transform.apply(x), sigma
+
+    @property
     def hull(self) -> Array:
         """(H, 2) corners of the convex hull of the reference's paired markers; fewer than three where they are flat."""
         return hull_of(self.reference_xy)
@@ -148,11 +166,19 @@ class ImageAlignment:
         return ~inside
 
     def sigma_map(self) -> NDArray[np.float32]:
-        """(H, W) 1 sigma per coordinate of the mapped place of every pixel, pixels; linear between nodes."""
+        """(H, W) 1 sigma per coordinate of the mapped place of every pixel, pixels; linear between nodes.
+
+        Where a part moved by itself (`apart`) it holds how far that part is off.
+        """
         height, width = self.image.shape[:2]
         step = max(2, round(max(width, height) / 128))
         x, y = (np.arange((n - 1) // step + 2) * float(step) for n in (width, height))
-        at = self.transform.sigma_px(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(len(y), len(x))
+        places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        at = self.transform.sigma_px(places)
+        if parts := self.apart:
+            x_off, off, _ = self._off()
+            at = np.sqrt(at**2 + of_parts(places, x_off, off, parts, self.reference_xy))
+        at = at.reshape(len(y), len(x))
         rows = np.stack([np.interp(np.arange(height), y, column) for column in at.T], axis=1)
         return np.stack([np.interp(np.arange(width), x, row) for row in rows]).astype(np.float32)
 

@@ -20,15 +20,19 @@ OFF = 3.0
 """And each is off by so many times the held-out residual of the others."""
 
 
+def have_not_moved(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
+    """Which pairs (N,) are at the same place in both pictures."""
+    noise = np.sqrt((np.trace(cov_x, axis1=1, axis2=2) + np.trace(cov_y, axis1=1, axis2=2)) / 2)
+    return np.asarray(np.hypot(*(y - x).T) < np.maximum(STILL_PX, SIGMAS * np.nan_to_num(noise)))
+
+
 def standing_still(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
     """Which pairs (N,) stand still though the motion of the others says that they should move.
 
     A marker on the model that happens not to move, near the axis of a rotation, is not among them: the others agree
     with it. Where camera and walls move against each other nothing stands still; a mask has to tell.
     """
-    moved = np.hypot(*(y - x).T)
-    noise = np.sqrt((np.trace(cov_x, axis1=1, axis2=2) + np.trace(cov_y, axis1=1, axis2=2)) / 2)
-    still = moved < np.maximum(STILL_PX, SIGMAS * np.nan_to_num(noise))
+    still = have_not_moved(x, y, cov_x, cov_y)
     nothing = np.zeros(len(x), dtype=bool)
     if not still.any() or (~still).sum() < FEWEST:
         return nothing
