@@ -1,262 +1,59 @@
-"""Pictures whose focal length or principal point is not that of the others: focused anew, cut, a loose lens.
-
-The hypotheses of `hypotheses`: each view has a change of its own, one at a time, or all together.
-"""
+"""Pictures whose focal length or principal point is not that of the others (focused anew, cut), or that are sheared."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import lapack
-from scipy.stats import chi2, norm
-
-from windmark.adjust.network.datum import in_datum
-from windmark.calibration.agreement import FALSE
-from windmark.calibration.hypotheses import CHECKED, chance_beside, gathered
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
+from windmark.calibration.view_changes import (
+    ANEW,
+    FOCAL,
+    PRINCIPAL_POINT,
+    SHEAR,
+    Asked,
+    Otherwise,
+    asked,
+    equations_of,
+    worst_focal,
+    worst_shifts,
+)
 from windmark.errors import g1, g2
-from windmark.geometry import PARAMETERS
 from windmark.scene import Doubt
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-ANEW, NOTICED, MATTERS = 0.003, 0.8, 3.0
-"""A relative change of the focal length, as a consumer's camera makes it where it focuses anew; the probability with
-which the test of a view finds it, or else it goes unnoticed; sigmas by which it must move the camera's to be said."""
-UNLIKELY = FALSE / 2
-"""Probability of a change of one view where there is none, of either kind."""
 NAMED = 5
 """Pictures that are named at most."""
+THINGS = {"focal": "focal length", "principal": "principal point", "sheared": "shear and stretch"}
+"""What may be another one in a view, by the cause of its doubt; the first two by the option that frees them, too."""
 
 
-@dataclass(frozen=True)
-class Otherwise:
-    """A view whose focal length (K = 1, relative) or principal point (K = 2, px) is another one.
-
-    Parameters
-    ----------
-    view : its name
-    change, sigma : (K,) and 1 sigma
-    """
-
-    view: str
-    change: Array
-    sigma: Array
-
-
-@dataclass(frozen=True)
-class Unnoticed:
-    """What a change by `ANEW` of the focal length, where it would mostly not be seen, does.
-
-    Parameters
-    ----------
-    off : to the camera's focal length (px), or to the marker that it moves most
-    sigmas : in units of its stated one
-    """
-
-    off: float
-    sigmas: float
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What the marks say of the focal lengths, or of the principal points, of the views that share their camera's.
-
-    Parameters
-    ----------
-    own : views that ask for one of their own, the surest first
-    together : root mean square change of all, where they together ask for it though perhaps none alone does; else 0
-    lead : by how much the sum of squares would fall with all of them, less what as many idle unknowns are worth (BIC)
-    worst : the most that a change would do unnoticed, where it matters: in one view, of the principal point in all
-    """
-
-    own: tuple[Otherwise, ...] = ()
-    together: float = 0.0
-    lead: float = 0.0
-    worst: Unnoticed | None = None
-
-
-@dataclass(frozen=True)
-class Equations:
-    """Of the changes of V views, each in focal length (relative) and principal point (px, 2).
-
-    Parameters
-    ----------
-    views : (V,) their numbers
-    free : (V, 3) which of the changes are unknowns of the network already
-    power, score : (V, 3, 3), (V, 3) b^T b and b^T r, with b by what a change moves the view's marks
-    cross, through : (D + E b, V, 3) J^T b, and of C times that (D, V, 3): how the network's dense unknowns go along
-    every : (V, 3, V, 3) b^T Q b: what these leave over of all changes together
-    """
-
-    views: Ints
-    free: NDArray[np.bool_]
-    power: Array
-    score: Array
-    cross: Array
-    through: Array
-    every: Array
-
-
-def changes(job: Job, solved: Solved) -> tuple[Asked, Asked]:
-    """Whether views ask for a focal length, and for a principal point, of their own (Baarda 1968)."""
-    equations = equations_of(solved)
-    if not len(equations.views):
-        return Asked(), Asked()
+def changes(job: Job, solved: Solved) -> dict[str, Asked]:
+    """Whether views ask for a focal length, a principal point or a shear of their own (Baarda 1968), by `THINGS`."""
+    found = equations_of(solved)
+    if not len(found.views):
+        return dict.fromkeys(THINGS, Asked())
     by_itself = set(job.free_focal) >= {v.name for v in job.views}
-    focal, principal = np.arange(1), np.arange(1, 3)
-    return _asked(job, solved, equations, focal, False), _asked(job, solved, equations, principal, by_itself)
+    return {
+        "focal": asked(job, solved, found, FOCAL, worst_focal),
+        "principal": asked(job, solved, found, PRINCIPAL_POINT, worst_shifts if by_itself else None),
+        "sheared": asked(job, solved, found, SHEAR, None),
+    }
 
 
-def equations_of(solved: Solved) -> Equations:
-    """What the used marks of every view say of a change of its own."""
-    problem, state, order = solved.problem, solved.state, solved.problem.order
-    marks, used, r = problem.marks, solved.used[order], solved.residual[order]
-    center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.network.view_camera[marks.views]]
-    if state.change is not None:
-        center = center + state.change[marks.views, 1:]
-    white = np.zeros((len(order), 2, 2))
-    white[:, 0, 0], white[:, 1, 0], white[:, 1, 1] = marks.white.T
-    # The residual is white (seen - xy + shift): what the view's focal length moves is white (seen - center).
-    by_focal = r + (white @ (marks.xy - marks.shift - center)[..., None])[..., 0]
-    b = np.where(used[:, None, None], np.concatenate([by_focal[..., None], white], axis=2), 0.0)
-    views = np.unique(marks.views[used])
-    n, at = np.arange(len(views)), np.full(len(marks.starts) - 1, -1)
-    at[views] = n
-    cross = gathered(solved, b, at[marks.views], len(views))
-    through, inner = solved.covariance.quadratic(cross.reshape(len(cross), -1))
-    every = -inner.reshape(len(views), 3, len(views), 3)
-    first = marks.starts[views]
-    power = np.add.reduceat(np.einsum("oik,oil->okl", b, b), first)
-    score = np.add.reduceat(np.einsum("oik,oi->ok", b, r), first)
-    every[n, :, n] += power
-    through = through.reshape(-1, *cross.shape[1:])
-    return Equations(views, problem.layout.columns.change[views] >= 0, power, score, cross, through, every)
-
-
-def _asked(job: Job, solved: Solved, equations: Equations, what: Ints, by_itself: bool) -> Asked:
-    """Whether views ask for ``what`` of their own; ``by_itself``: whether all have a focal length of their own."""
-    of = np.flatnonzero(~equations.free[:, what].any(axis=1))
-    views, kinds = equations.views[of], len(what)
-    if not len(views):
-        return Asked()
-    n, each = np.arange(len(views)), np.ix_(of, what, of, what)
-    blocks, score = equations.every[each], equations.score[np.ix_(of, what)]
-    size = np.sqrt(np.diagonal(equations.power, axis1=1, axis2=2)[np.ix_(of, what)])
-    own = _own([job.views[v].name for v in views], solved, blocks[n, :, n], size, score)
-    size, every = size.ravel(), blocks.reshape(len(views) * kinds, -1)
-    change, test, count = _together(every / np.outer(size, size), score.ravel() / size)
-    rms = 0.0
-    if chance_beside(test, count, solved) < FALSE:
-        rms = float(np.sqrt(kinds * ((change / size) ** 2).mean()))
-    lead = test / solved.scale - count * np.log(2 * solved.used.sum())
-    worst = None
-    if what[0] == 0:
-        worst = _worst(solved, views, blocks[n, 0, n, 0], equations.through[:, of, 0])
-    elif by_itself:
-        cross = equations.cross[:, of][:, :, what].reshape(len(equations.cross), -1)
-        worst = _worst_shifts(solved, every, count, cross)
-    return Asked(own, rms, float(lead), worst)
-
-
-def _together(power: Array, score: Array) -> tuple[Array, float, int]:
-    """Unknowns (n,), what they explain, and how many of them can be told; all of it in units of the sizes of b."""
-    factor, failed = lapack.dpotrf(power, lower=1)
-    if not failed:
-        norm1 = float(np.abs(power).sum(axis=0).max())
-        # The inverse's 1-norm is a bound of its largest eigenvalue.
-        if lapack.dpocon(factor, norm1, uplo="L")[0] * norm1 > CHECKED:
-            change = lapack.dpotrs(factor, score, lower=1)[0]
-            return change, float(score @ change), len(score)
-    value, vector = np.linalg.eigh(power)
-    told = value > CHECKED
-    along = vector[:, told].T @ score
-    return vector[:, told] @ (along / value[told]), float((along**2 / value[told]).sum()), int(told.sum())
-
-
-def _own(names: list[str], solved: Solved, blocks: Array, size: Array, score: Array) -> tuple[Otherwise, ...]:
-    """Views that alone ask for a change, from their (V, K, K), the size of b (V, K), and their score (V, K)."""
-    scale = size[:, :, None] * size[:, None, :]
-    value, axes = np.linalg.eigh(blocks / scale)
-    told = value[:, 0] > CHECKED
-    inverse = (axes / np.where(told[:, None], value, 1.0)[:, None, :]) @ axes.transpose(0, 2, 1) / scale
-    change = -(inverse @ score[..., None])[..., 0]
-    test = np.where(told, -(change * score).sum(axis=1), 0.0)
-    found = []
-    for n in np.argsort(-test, kind="stable").tolist():
-        if not chance_beside(float(test[n]), size.shape[1], solved) < UNLIKELY / len(names):
-            break
-        sigma = np.sqrt(solved.scale * np.diagonal(inverse[n]))
-        found.append(Otherwise(names[n], change[n], sigma))
-    return tuple(found)
-
-
-def _worst(solved: Solved, views: Ints, left: Array, moved: Array) -> Unnoticed | None:
-    """What the view does that may be focused anew unnoticed and moves its camera's focal length most, if it matters.
-
-    ``left`` (V,) and ``moved`` (D, V) of the ``views``: what the network's unknowns leave over of a change of
-    each one's focal length, and how they move with it (external reliability).
-    """
-    smallest = (norm.isf(UNLIKELY / (2 * len(views))) + norm.isf(1 - NOTICED)) * np.sqrt(
-        solved.scale / np.maximum(left, np.finfo(float).tiny)
-    )
-    problem = solved.problem
-    camera = problem.network.view_camera[views]
-    column = problem.layout.columns.camera[camera, PARAMETERS.index("focal_px")]
-    sigma = np.sqrt(solved.scale * np.diagonal(solved.covariance.dense)[np.maximum(column, 0)])
-    change = ANEW * np.abs(moved[np.maximum(column, 0), np.arange(len(views))])
-    ratio = np.where((column >= 0) & (smallest > ANEW) & (sigma > 0), change / np.where(sigma > 0, sigma, 1.0), 0.0)
-    n = int(np.argmax(ratio))
-    if not ratio[n] > MATTERS:
-        return None
-    unit = float(problem.units(solved.state).camera[camera[n], PARAMETERS.index("focal_px")])
-    return Unnoticed(float(change[n]) * unit, float(ratio[n]))
-
-
-def _worst_shifts(solved: Solved, every: Array, count: int, cross: Array) -> Unnoticed | None:
-    """What principal points do that are by chance `ANEW` off in every view, to the marker that they move most.
-
-    ``every`` (V K, V K), of rank ``count``, and ``cross`` (D + E b, V K): what the network's unknowns leave over of the
-    shifts, and these in its equations. None where the test of all together would mostly find them. The markers hold the
-    datum; "off" is what chance exceeds once in twenty.
-    """
-    size, lay = ANEW * max(c.focal_px for c in solved.state.cameras), solved.problem.layout
-    beyond = size**2 * float(np.trace(every)) / solved.scale
-    middle, spread = count + beyond, np.sqrt(2 * (count + 2 * beyond))
-    noticed = middle + norm.isf(NOTICED) * spread > chi2.isf(FALSE, count)
-    if noticed or not (lay.points_eliminated and lay.blocks):
-        return None
-    datum, block = in_datum(solved.covariance), lay.columns.point_block
-    sigma = np.sqrt(solved.scale * np.diagonal(datum.points(), axis1=1, axis2=2))[block >= 0]
-    moved = datum.through(cross)[lay.dense :].reshape(lay.blocks, 3, -1)[block[block >= 0]]
-    change = norm.isf(0.025) * size * lay.unit * np.sqrt((moved**2).sum(axis=2))
-    ratio = change / np.where(sigma > 0, sigma, np.inf)
-    at = np.unravel_index(int(ratio.argmax()), ratio.shape)
-    return Unnoticed(float(change[at]), float(ratio[at])) if ratio[at] > MATTERS else None
-
-
-THINGS = {"focal": "focal length", "principal": "principal point"}
-"""What may change, by the option that frees it (free_focal)."""
-
-
-def asked_most(focal: Asked, principal: Asked) -> tuple[str, Asked]:
+def asked_most(asking: Mapping[str, Asked]) -> tuple[str, Asked]:
     """Which of `THINGS` the marks ask for, "" for none: a change of one looks like some of the other."""
-    asking = {"focal": focal, "principal": principal}
-    asking = {kind: asked for kind, asked in asking.items() if asked.own or asked.together}
+    asking = {kind: most for kind, most in asking.items() if most.own or most.together}
     kind = max(asking, key=lambda k: asking[k].lead, default="")
     return kind, asking.get(kind, Asked())
 
 
 def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
-    """What is said of pictures whose focal length or principal point is not that of the others, or may not be."""
-    focal, principal = changes(job, solved)
-    kind, asked = asked_most(focal, principal)
+    """What is said of pictures that are not as the others of their camera, or may not be."""
+    asking = changes(job, solved)
+    focal, principal = asking["focal"], asking["principal"]
+    kind, most = asked_most(asking)
     if kind:
-        return (_said(asked, kind),)
+        return (_said(most, kind),)
     if focal.worst is not None:
         off = f"{g2(focal.worst.off)} px, {g2(focal.worst.sigmas)} of its sigmas"
         words = (
@@ -276,20 +73,21 @@ def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
     return ()
 
 
-def _said(asked: Asked, kind: str) -> Doubt:
+def _said(most: Asked, kind: str) -> Doubt:
     """What is asked for, in words."""
-    if not asked.own:
-        size = f"{g2(100 * asked.together)} %" if kind == "focal" else f"{g2(asked.together)} px"
-        return Doubt((), f"{THINGS[kind]}s of the pictures differ by {size} (rms): free_{kind}", kind)
-    worst = asked.own[:NAMED]
-    listed = ", ".join(f"{{}} ({amount(found)})" for found in worst)
-    more = f" and {len(asked.own) - NAMED} more" if len(asked.own) > NAMED else ""
-    words = f"{THINGS[kind]} not that of the other pictures (free_{kind}): {listed}{more}"
+    by = "" if kind == "sheared" else f" (free_{kind})"
+    if not most.own:
+        size = f"{g2(100 * most.together)} %" if kind != "principal" else f"{g2(most.together)} px"
+        return Doubt((), f"{THINGS[kind]}s of the pictures differ by {size} (rms){by}", kind)
+    worst = most.own[:NAMED]
+    listed = ", ".join(f"{{}} ({amount(found, kind)})" for found in worst)
+    more = f" and {len(most.own) - NAMED} more" if len(most.own) > NAMED else ""
+    words = f"{THINGS[kind]} not that of the other pictures{by}: {listed}{more}"
     return Doubt(tuple(found.view for found in worst), words, kind)
 
 
-def amount(found: Otherwise) -> str:
-    """The change of a view with its sigma, in words: one of the focal length has one number, in percent."""
-    scale, unit = (100, "%") if len(found.change) == 1 else (1, "px")
+def amount(found: Otherwise, kind: str) -> str:
+    """The change of a view with its sigma, in words."""
+    scale, unit = (1, "px") if kind == "principal" else (100, "%")
     numbers = zip(scale * found.change, scale * found.sigma, strict=True)
     return ", ".join(f"{change:+.2g} +- {g1(sigma)}" for change, sigma in numbers) + f" {unit}"

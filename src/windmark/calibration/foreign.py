@@ -60,9 +60,10 @@ def most_foreign(solved: Solved) -> int:
 
 def of_its_own(job: Job, solved: Solved, view: int) -> str:
     """By how much the focal length or principal point of a view is another one, if its marks ask for it, in words."""
-    kind, asked = asked_most(*changes(job, solved))
+    kind, asked = asked_most(changes(job, solved))
     found = [other for other in asked.own if other.view == job.views[view].name]
-    return f" (by its {THINGS[kind]} {amount(found[0])}: free_{kind})" if found else ""
+    free = "" if kind == "sheared" else f": free_{kind}"
+    return f" (by its {THINGS[kind]} {amount(found[0], kind)}{free})" if found else ""
 
 
 def without(result: Calibration, views: Mapping[str, str]) -> Calibration:

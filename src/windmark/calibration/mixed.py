@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.calibration.changed_views import ANEW, equations_of
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
+from windmark.calibration.view_changes import ANEW, equations_of
 from windmark.errors import plus_minus
 from windmark.scene import Doubt
 
@@ -102,7 +102,8 @@ def _division(solved: Solved) -> tuple[NDArray[np.int64], Mask]:
     """Views (V,), and which of them (V,) are of a second camera, so that most of the residuals is explained."""
     equations = equations_of(solved)
     count = len(equations.views)
-    every, score = equations.every, equations.score
+    # Two cameras differ in focal length and principal point; a shear is of single pictures.
+    every, score = equations.every[:, :3, :, :3], equations.score[:, :3]
 
     def explained(second: Mask) -> float:
         own = every[second][:, :, second].sum(axis=(0, 2))

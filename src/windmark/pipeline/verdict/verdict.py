@@ -28,6 +28,7 @@ CAUSES = {
     "grid": "a grid that is not where the markers are",
     "mixed": "pictures of two cameras under one name",
     "focus": "pictures of which nothing checks that they have one focus",
+    "sheared": "pictures that are sheared or stretched against each other",
     "focal": "a focal length that does not fit",
     "principal": "a principal point that is not the other pictures'",
     "moved": "a camera that is not where it should be",

@@ -20,8 +20,8 @@ from scipy.special import chdtrc, chdtri, chndtrinc, fdtri
 from windmark.adjust.chance import chance
 from windmark.calibration import Calibration, Distance, Free
 from windmark.calibration.agreement import FALSE
-from windmark.calibration.changed_views import NOTICED
 from windmark.calibration.datum import Datum
+from windmark.calibration.view_changes import NOTICED
 from windmark.geometry import PARAMETERS, Camera
 from windmark.registration.settle.views import doubted_camera
 from windmark.scene import MarkerSet

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from windmark.calibration import Calibration
-from windmark.calibration.changed_views import MATTERS
+from windmark.calibration.view_changes import MATTERS
 from windmark.errors import g1, g2, g3
 from windmark.geometry import Camera
 from windmark.scene import Doubt

@@ -1,0 +1,54 @@
+"""Pictures that are not as the others of their camera: sheared by a rolling shutter or a program, focused anew."""
+
+from dataclasses import replace
+
+import networks
+import numpy as np
+import pytest
+
+from windmark.calibration import Free, self_calibrate
+
+
+def calibrated(change, seed=31, views=10):
+    """Calibration of a network whose marks were moved: ``change`` (view, place about the centre) -> shift, px."""
+    observations, markers, cameras, named, _ = networks.nouns(networks.make(seed, points=40, views=views))
+    camera = next(iter(cameras.values()))
+    about = observations.xy - [camera.cx, camera.cy]
+    moved = np.stack([change(v, at) for v, at in zip(observations.view, about, strict=True)])
+    return self_calibrate(replace(observations, xy=observations.xy + moved), markers, cameras, named, datum=Free())
+
+
+def causes(result):
+    return [doubt.cause for doubt in result.doubts]
+
+
+@pytest.mark.parametrize("seed", [31, 32])
+def test_sheared_pictures_are_said_to_be_that_and_not_to_have_another_focus(seed):
+    """Each by its own amounts: they were blamed on focus and principal points, and freeing these made it worse."""
+    rng = np.random.default_rng(seed)
+    own = rng.normal(0, 2e-3, (10, 2))
+    result = calibrated(lambda v, at: own[v] * at[1], seed)
+    assert causes(result)[0] == "sheared"
+    assert not {"focal", "principal"} & set(causes(result))
+    first = own[int(result.doubts[0].names[0][1:])]
+    assert np.abs(first).max() > np.median(np.abs(own))
+    assert str(result.doubts[0]).startswith("shear and stretch not that of the other pictures: v0")
+
+
+def test_one_sheared_picture_is_named_with_how_much():
+    result = calibrated(lambda v, at: np.array([2e-3, 0.0]) * at[1] * (v == 4))
+    (doubt,) = result.doubts
+    assert (doubt.cause, doubt.names[0]) == ("sheared", "v04")
+    said = float(str(doubt).split("(+")[1].split(" ")[0])
+    assert said == pytest.approx(0.2, abs=0.03)
+
+
+def test_a_picture_focused_anew_or_cut_is_not_sheared():
+    focused = calibrated(lambda v, at: 1e-2 * at * (v == 4))
+    assert [(d.cause, d.names) for d in focused.doubts] == [("focal", ("v04",))]
+    cut = calibrated(lambda v, at: np.array([10.0, -5.0]) * (v == 4))
+    assert [(d.cause, d.names) for d in cut.doubts] == [("principal", ("v04",))]
+
+
+def test_pictures_without_a_flaw_are_not_doubted():
+    assert calibrated(lambda v, at: np.zeros(2)).doubts == ()
