@@ -18,7 +18,7 @@ from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.resume import inputs as deform_inputs
 from windmark.pipeline.deform.resume import named, pictures_of, prints_of
 from windmark.pipeline.deform.run import wind_off_frames, zeroed
-from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes, risen_before
+from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes
 from windmark.pipeline.infrared.frame import run_frame
 from windmark.pipeline.infrared.jumps import jumps
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
@@ -26,6 +26,7 @@ from windmark.pipeline.infrared.order import exchanged
 from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
 from windmark.pipeline.infrared.record import FAILED, FrameRecord
 from windmark.pipeline.infrared.repeats import REPEATS, repeated_in, without_repeats
+from windmark.pipeline.infrared.start import odd_start
 from windmark.pipeline.infrared.steady import SteadyMap, steady_map
 from windmark.pipeline.infrared.store import Store
 from windmark.pipeline.resume import CHUNK, SeriesJournal, check_state, read_stopped
@@ -155,7 +156,7 @@ def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameR
     done = make_fluxes(run, store, good)
     if run.walls and good and not done:
         remarks.append("there is no heat flux: no frame with temperatures is left before the heating began, or after")
-    if (said := risen_before(run, store, done)):
+    if (said := odd_start(run, store, done)):
         remarks.append(said)
     if (said := exchanged(run, store, done)):
         remarks.append(said)
