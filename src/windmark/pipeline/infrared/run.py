@@ -160,8 +160,7 @@ def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameR
         remarks.append(said)
     if (said := exchanged(run, store, done)):
         remarks.append(said)
-    if (said := jumps(run, store, done)):
-        remarks.append(said)
+    remarks += jumps(run, store, done)
     maker, points = FieldMaker(run, store, done), PointHistories(run)
     out, every = [], run.project.output.every
     last = good[-1] if good else -1

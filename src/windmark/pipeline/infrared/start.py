@@ -76,9 +76,9 @@ def goes_on(
         four, at = [v for v in values[: 3 * step + 1 : step] if v is not None], times[: 3 * step + 1 : step]
         if len(four) < 4:
             return None
-        thick = np.isin(wall_of, [k for k, wall in enumerate(walls) if _thick(wall, at[1] - at[0])])
+        taking = np.isin(wall_of, [k for k, wall in enumerate(walls) if thick(wall, at[1] - at[0])])
         steps = np.diff(np.array(four), axis=0) * (at[1] - at[0]) / np.diff(at)[:, None]
-        rise = np.where(thick & np.isfinite(steps).all(axis=0), last - four[0], np.nan)
+        rise = np.where(taking & np.isfinite(steps).all(axis=0), last - four[0], np.nan)
         sure = [found for group in _groups(rise) if (found := _middle(steps[:, group])) is not None]
         for first, second, third in sure:
             straight = abs(second - 0.5 * (first + third)) < STRAIGHT * abs(first)
@@ -109,7 +109,8 @@ def _middle(steps: Array) -> list[float] | None:
     return [float(m) for m in middle] if known < SURE * np.abs(middle).max() else None
 
 
-def _thick(wall: Wall, time: float) -> bool:
+def thick(wall: Wall, time: float) -> bool:
+    """Whether so many seconds after it changed a surface's temperature is that of a wall that goes on below."""
     short, long = wall.ramp_response(np.array([time, 3 * time]))
     return bool(THICK[0] < long / short < THICK[1])
 
