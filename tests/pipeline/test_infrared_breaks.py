@@ -1,4 +1,4 @@
-"""Lost frames are told from what heats a model and from its level."""
+"""Lost frames, and a camera's pattern that changes, are told from what heats a model and from its level."""
 
 from types import SimpleNamespace
 
@@ -44,6 +44,14 @@ def test_lost_frames_are_found_and_counted(lost, at):
     assert found.after == at - 1
     assert found.lost is not None
     assert found.lost[0] - 1 <= lost <= found.lost[1] + 1
+
+
+@pytest.mark.parametrize("kelvin", [0.3, 1.0])
+def test_a_pattern_that_changes_is_found(kelvin):
+    values, t = heated()
+    (found,) = breaks_of(list(pattern(kelvin, values)), t)
+    assert (found.after, found.lost) == (15, None)
+    assert found.kelvin == pytest.approx(1.05 * kelvin, rel=0.15)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -106,6 +114,8 @@ def test_a_run_names_frames_cameras_and_the_cause(tmp_path):
     assert "are lost" in said
     one, two = heated()[0], heated(seed=1)[0]
     assert said_of(tmp_path / "clean", {"cam1": one, "cam2": two}, t) == []
+    (said,) = said_of(tmp_path / "pattern", {"cam1": one, "cam2": pattern(0.4, two)}, t)
+    assert said.startswith("cam2: between frames 15 and 16 the nodes' temperatures go apart by 0.4")
     one[16:] += 0.85
     (said,) = said_of(tmp_path / "level", {"cam1": one, "cam2": two}, t)
     assert said.startswith("cam1: its temperatures jump by 0.8")

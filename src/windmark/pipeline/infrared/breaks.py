@@ -1,4 +1,4 @@
-"""Breaks in the course of temperatures that no heat makes: frames that are lost."""
+"""Breaks in the course of temperatures that no heat makes: frames that are lost, a camera's pattern that changes."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ USUAL = 6.0
 SUDDEN = 3.0
 """Times the changes of the steps round it that a break is. Of a wall that takes heat in it is 2.5 where heat sets in,
 and 2.9 at most where it comes and goes within two frames, at whatever instants."""
+PART = 0.1
+"""Part of the steps beside it that a break is at least."""
 GAP = 1.7
 """Times the steps beside it that a step over lost frames is: heat that sets in over steps that grow by no more than
 half makes 1.5."""
@@ -33,8 +35,8 @@ class Break:
     Parameters
     ----------
     after : the frame before it
-    kelvin : the middle of what is too much
-    lost : how many frames, from and to
+    kelvin : scatter of the change over the nodes; of lost frames the middle of what is too much
+    lost : how many frames, from and to; None where it is a pattern that changes
     """
 
     after: int
@@ -65,7 +67,7 @@ def breaks_of(values: Sequence[Array | None], times: Array) -> list[Break]:
     """Breaks of a history of F frames.
 
     Lost frames whose successors have their numbers make every node's temperature go on by so many of its own steps at
-    once. Heat that
+    once. A new pattern of offsets (non-uniformity correction) moves each node by something, and for good. Heat that
     sets in, or comes and goes, changes the steps before or behind as well: of a wall that takes it in, whose surface
     follows the root of time.
 
@@ -79,10 +81,13 @@ def breaks_of(values: Sequence[Array | None], times: Array) -> list[Break]:
         return []
     noise = float(np.median([_spread(look.beyond) for look in looks.values()]))
     level = float(np.median([abs(np.median(look.beyond)) for look in looks.values()]))
+    change = float(np.median([_spread(c) for look in looks.values() for c in look.changes]))
     out = []
     for k, look in looks.items():
         if _lost(look, noise, level):
             out.append(Break(k, float(np.median(look.beyond)), _count(look)))
+        elif _pattern(look, noise, change):
+            out.append(Break(k, _spread(look.beyond)))
     return out
 
 
@@ -100,6 +105,14 @@ def _looks(values: Sequence[Array | None], times: Array) -> Mapping[int, _Look]:
         if steps.size:
             out[k] = _Look(steps, steps[2] - 0.5 * (steps[1] + steps[3]))
     return out
+
+
+def _pattern(look: _Look, noise: float, change: float) -> bool:
+    """Whether the nodes go apart in one step by more than noise, and by more than heat does that changes."""
+    here = _spread(look.beyond)
+    by_heat = np.sqrt(max(max(_spread(c) ** 2 for c in look.changes) - change**2, 0.0))
+    beside = float(np.abs(np.median(look.steps[[1, 3]], axis=1)).max())
+    return bool(here > max(USUAL * noise, SUDDEN * by_heat, PART * beside))
 
 
 def _lost(look: _Look, noise: float, level: float) -> bool:

@@ -37,17 +37,18 @@ def jumps(run: InfraredRun, store: Store, frames: Sequence[int]) -> list[str]:
     began = int(before_start(times, heat.start_s).sum()) - 1
     levels: dict[str, list[tuple[int, float]]] = {}
     lost: dict[int, dict[str, Break]] = {}
+    patterns: dict[int, dict[str, Break]] = {}
     for camera in store.cameras:
         values = [store.values(i, camera, ASKED) for i in frames]
         breaks = [b for b in breaks_of(_on_thick(run, values), times) if abs(b.after - began) > 1]
         for b in breaks:
-            lost.setdefault(b.after, {})[camera] = b
+            (patterns if b.lost is None else lost).setdefault(b.after, {})[camera] = b
         known = {b.after for b in breaks}
         found = [(k, step) for k, step in jumps_of(values, times) if abs(k - began) > 1 and k not in known]
         if found:
             levels[camera] = found
     keys = [run.timeline.frames[i].key for i in frames]
-    return [*_lost_words(lost, keys), *_level_words(levels, keys)]
+    return [*_lost_words(lost, keys), *_level_words(levels, keys), *_pattern_words(patterns, keys)]
 
 
 def _on_thick(run: InfraredRun, values: Sequence[Array | None]) -> list[Array | None]:
@@ -84,6 +85,18 @@ def _level_words(levels: Mapping[str, list[tuple[int, float]]], keys: Sequence[s
     cause = "frames that are lost there, or a" if at_once else "its"
     return [f"{'; '.join(said)}: {cause} shutter (NUC) or another range, no heating; heat flux from there on is wrong. "
             "Record without corrections meanwhile, or end the run before them"]  # fmt: skip
+
+
+def _pattern_words(patterns: Mapping[int, Mapping[str, Break]], keys: Sequence[str]) -> list[str]:
+    if not patterns:
+        return []
+    k = max(patterns, key=lambda k: max(b.kelvin for b in patterns[k].values()))
+    cameras = patterns[k]
+    more = f" (and {len(patterns) - 1} more such places)" if len(patterns) > 1 else ""
+    return [f"{', '.join(cameras)}: between frames {keys[k]} and {keys[k + 1]} the nodes' temperatures go apart by "
+            f"{g3(max(b.kelvin for b in cameras.values()))} K (1 sigma over the nodes) and stay so{more}: a correction "
+            "of the camera's pixels (NUC) or a reflection that changed, no heating; heat flux from there on is off by "
+            "more than its sigma. Record without corrections meanwhile, or end the run before them"]  # fmt: skip
 
 
 def jumps_of(values: Sequence[Array | None], times: Array) -> list[tuple[int, float]]:
