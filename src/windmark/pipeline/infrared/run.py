@@ -202,6 +202,8 @@ def _steady(run: InfraredRun, store: Store, folder: Path, result: InfraredResult
         return
     result.steady = mean
     key = {r.index: r.key for r in result.records}
+    if mean.course is not None:
+        result.remarks.append(mean.course.words)
     result.remarks += [f"frame {key[i]} does not count in the mean: {why}" for i, why in mean.left_out.items()]
     none = np.where(mean.count > 0, 0, 1).astype(np.uint16)
     fields = FrameFields(mean.field, None, none, np.where(mean.count > 0, 0, -1).astype(np.int8))
