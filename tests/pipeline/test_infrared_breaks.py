@@ -123,3 +123,32 @@ def test_a_run_names_frames_cameras_and_the_cause(tmp_path):
     two[16:] += 0.85
     (said,) = said_of(tmp_path / "both", {"cam1": one, "cam2": two}, t)
     assert "frames that are lost there, or a shutter (NUC)" in said
+
+
+@pytest.mark.parametrize("at", [5, 6, 7])
+@pytest.mark.parametrize("seed", range(2))
+def test_what_jumps_where_the_heating_begins_is_said_where_it_is_no_heat(tmp_path, at, seed):
+    values, t = heated(seed=seed)
+    level = values + 0.6 * (np.arange(FRAMES) >= at)[:, None]
+    (said,) = said_of(tmp_path / "level", {"cam1": level, "cam2": level}, t)
+    assert f"K at all nodes between frames {at - 1} and {at}: its shutter" in said
+    assert "lost" not in said
+    (said,) = said_of(tmp_path / "pattern", {"cam": pattern(0.6, values, at)}, t)
+    assert f"between frames {at - 1} and {at} the nodes' temperatures go apart" in said
+
+
+@pytest.mark.parametrize("begins", [0.205, 0.22, 0.235, 0.25, 0.27, 0.28])
+@pytest.mark.parametrize("lasts", [0.02, 0.05, 0.1, 9.0])
+def test_heat_that_sets_in_at_once_or_as_a_pulse_where_it_begins_is_no_jump(tmp_path, begins, lasts):
+    rng, t = np.random.default_rng(4), np.arange(FRAMES) / 20
+    one, two = 1 + 0.3 * rng.standard_normal((2, NODES))
+    first = np.sqrt(np.maximum(t - begins, 0.0)) - np.sqrt(np.maximum(t - begins - lasts, 0.0))
+    later = np.sqrt(np.maximum(t - begins, 0.0))
+    values = 300 + 5 * (one + 0.2 * two) * first[:, None] + 2 * one * later[:, None]
+    values += 0.02 * rng.standard_normal(values.shape)
+    assert said_of(tmp_path, {"cam": values}, t) == []
+
+
+def test_a_level_that_evenly_heated_nodes_do_not_tell_from_heat_is_not_said(tmp_path):
+    values, t = heated(even=0.0)
+    assert said_of(tmp_path, {"cam": values + 0.6 * (np.arange(FRAMES) >= 6)[:, None]}, t) == []

@@ -24,6 +24,9 @@ RATES = (1 / 3, 1.5)
 """The step behind lost frames over the one before them."""
 MOST = 30
 """Frames that are lost in one place at most: of more the course before says nothing."""
+LIKE = 0.5
+"""A jump where the heating begins is none of heat where the nodes differ in it by less than this part of what they
+differ by in the heating, or where so large a part of it is not as they are heated later."""
 LIKELY = 1.5
 """Times the best number's misfit that another number of lost frames may leave."""
 
@@ -89,6 +92,33 @@ def breaks_of(values: Sequence[Array | None], times: Array) -> list[Break]:
         elif _pattern(look, noise, change):
             out.append(Break(k, _spread(look.beyond)))
     return out
+
+
+def unlike_heat(values: Sequence[Array | None], k: int, level: bool) -> bool:
+    """Whether what jumps behind frame k, where the heating begins, is surely no heat.
+
+    Heat comes suddenly there, but to each node by a share of its own, and much as it comes later. Where that is nearly
+    the same for all nodes a level is not told from it.
+
+    Parameters
+    ----------
+    level : asked as one of all nodes, else as a pattern
+    """
+    last = next((v for v in reversed(values) if v is not None), None)
+    four = [v for v in values[max(k - 1, 0) : k + 3] if v is not None]
+    if last is None or len(four) < 4:
+        return False
+    steps, rise = np.diff(np.array(four), axis=0), last - four[2]
+    on = np.isfinite(steps).all(axis=0) & np.isfinite(rise)
+    if not on.any():
+        return False
+    beyond, rise = (steps[1] - 0.5 * (steps[0] + steps[2]))[on], rise[on]
+    if level:
+        even, heated = (_spread(a) / max(abs(float(np.median(a))), 1e-12) for a in (beyond, rise))
+        return bool(even < LIKE * heated)
+    basis = np.stack([steps[2][on], rise], axis=1)
+    rest = beyond - basis @ np.linalg.lstsq(basis, beyond, rcond=None)[0]
+    return bool(np.median(np.abs(rest)) > LIKE * np.median(np.abs(beyond)))
 
 
 def _looks(values: Sequence[Array | None], times: Array) -> Mapping[int, _Look]:

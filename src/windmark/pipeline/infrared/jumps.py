@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import g3
 from windmark.paint import before_start
-from windmark.pipeline.infrared.breaks import Break, breaks_of
+from windmark.pipeline.infrared.breaks import Break, breaks_of, unlike_heat
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.start import thick
 from windmark.pipeline.infrared.store import Store, every
@@ -28,7 +28,8 @@ def jumps(run: InfraredRun, store: Store, frames: Sequence[int]) -> list[str]:
     """What is to be said where temperatures break off from one frame to the next; nothing where none do.
 
     Heat flux is made of changes of temperature: a step of the camera, or of time, is a pulse of heat, and a wrong flux
-    for long after. What heats a model heats it unevenly, and goes on; where the heating begins it may do neither.
+    for long after. What heats a model heats it unevenly, and goes on; where the heating begins it may do the one or the
+    other alone, and only what is surely no heat is said.
     """
     heat = run.project.heat
     if heat is None or len(frames) < 4:
@@ -40,15 +41,18 @@ def jumps(run: InfraredRun, store: Store, frames: Sequence[int]) -> list[str]:
     patterns: dict[int, dict[str, Break]] = {}
     for camera in store.cameras:
         values = [store.values(i, camera, ASKED) for i in frames]
-        breaks = [b for b in breaks_of(_on_thick(run, values), times) if abs(b.after - began) > 1]
+        taking = _on_thick(run, values)
+        breaks = [b for b in breaks_of(taking, times) if abs(b.after - began) > 1
+                  or (b.lost is None and unlike_heat(taking, b.after, level=False))]  # fmt: skip
         for b in breaks:
             (patterns if b.lost is None else lost).setdefault(b.after, {})[camera] = b
         known = {b.after for b in breaks}
-        found = [(k, step) for k, step in jumps_of(values, times) if abs(k - began) > 1 and k not in known]
+        found = [(k, step) for k, step in jumps_of(values, times) if k not in known
+                 and (abs(k - began) > 1 or unlike_heat(values, k, level=True))]  # fmt: skip
         if found:
             levels[camera] = found
     keys = [run.timeline.frames[i].key for i in frames]
-    return [*_lost_words(lost, keys), *_level_words(levels, keys), *_pattern_words(patterns, keys)]
+    return [*_lost_words(lost, keys), *_level_words(levels, keys, began), *_pattern_words(patterns, keys)]
 
 
 def _on_thick(run: InfraredRun, values: Sequence[Array | None]) -> list[Array | None]:
@@ -71,7 +75,7 @@ def _lost_words(lost: Mapping[int, Mapping[str, Break]], keys: Sequence[str]) ->
     return out
 
 
-def _level_words(levels: Mapping[str, list[tuple[int, float]]], keys: Sequence[str]) -> list[str]:
+def _level_words(levels: Mapping[str, list[tuple[int, float]]], keys: Sequence[str], began: int) -> list[str]:
     said, places = [], []
     for camera, found in levels.items():
         k, step = max(found, key=lambda one: abs(one[1]))
@@ -81,7 +85,8 @@ def _level_words(levels: Mapping[str, list[tuple[int, float]]], keys: Sequence[s
                     f"{keys[k]} and {keys[k + 1]}{more}")  # fmt: skip
     if not said:
         return []
-    at_once = len(places) > 1 and len(set(places)) == 1
+    # Of a wall that is at rest yet, lost frames make no jump.
+    at_once = len(places) > 1 and len(set(places)) == 1 and abs(places[0] - began) > 1
     cause = "frames that are lost there, or a" if at_once else "its"
     return [f"{'; '.join(said)}: {cause} shutter (NUC) or another range, no heating; heat flux from there on is wrong. "
             "Record without corrections meanwhile, or end the run before them"]  # fmt: skip
