@@ -22,6 +22,7 @@ from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes
 from windmark.pipeline.infrared.frame import run_frame
 from windmark.pipeline.infrared.jumps import jumps
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
+from windmark.pipeline.infrared.odd import odd_frames
 from windmark.pipeline.infrared.order import exchanged
 from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
 from windmark.pipeline.infrared.record import FAILED, FrameRecord
@@ -158,7 +159,7 @@ def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameR
         remarks.append("there is no heat flux: no frame with temperatures is left before the heating began, or after")
     if (said := odd_start(run, store, done)):
         remarks.append(said)
-    if (said := exchanged(run, store, done)):
+    if (said := exchanged(run, store, done)) or (said := odd_frames(run, store, done)):
         remarks.append(said)
     remarks += jumps(run, store, done)
     maker, points = FieldMaker(run, store, done), PointHistories(run)
