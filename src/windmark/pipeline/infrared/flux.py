@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import g3
 from windmark.io.atomic import atomic_path
 from windmark.paint import FluxOperator, NodeField, before_start, flux_operator, lateral_conductance, node_laplacian
 from windmark.pipeline.infrared.load import InfraredRun
@@ -21,8 +20,6 @@ Flags = NDArray[np.uint16]
 
 BLOCK = 4096
 """Nodes whose histories are in memory at a time."""
-EARLY = 0.02
-"""Part of the whole rise that the temperature may have before the heating."""
 NEW = ("registration:1", "registration:2", "registration:3")
 """Causes that are new in every frame."""
 WALL = "wall"
@@ -93,33 +90,6 @@ def _block(
             out[:, rows.index(name), own] = columns.T
         out[:, rows.index(WALL), own] = wall.relative_sigma * np.nan_to_num(done.flux.T)
     return out
-
-
-def risen_before(run: InfraredRun, store: Store, frames: Sequence[int]) -> str:
-    """What is to be said where the temperature rises before the heating is said to begin; "" where it does not.
-
-    The initial temperature is then too high, and every heat flux wrong by a part that no sigma has.
-    """
-    heat = run.project.heat
-    if not frames or heat is None:
-        return ""
-    before = [i for i, b in zip(frames, before_start(run.times[list(frames)], heat.start_s), strict=True) if b]
-    if len(before) < 2:
-        return ""
-    first, last, end = (merged_temperature(store.temperatures(i))[0] for i in (before[0], before[-1], frames[-1]))
-    assert first is not None
-    assert last is not None
-    assert end is not None
-    early, whole = (of.field.value - first.field.value for of in (last, end))
-    on = np.isfinite(early) & np.isfinite(whole)
-    if not on.any():
-        return ""
-    rise, total = float(np.median(early[on])), float(np.median(whole[on]))
-    by_chance = 1.25 * float(np.sqrt(np.median((first.field.white + last.field.white)[on]) / on.sum()))
-    if abs(rise) < max(EARLY * abs(total), 3 * by_chance):
-        return ""
-    return (f"the temperature rises by {g3(rise)} K (median) before heat.start_s, {g3(total)} K in all: the heating "
-            "began earlier, or a camera drifts, and heat flux is wrong by such a part")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,14 +18,16 @@ from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.resume import inputs as deform_inputs
 from windmark.pipeline.deform.resume import named, pictures_of, prints_of
 from windmark.pipeline.deform.run import wind_off_frames, zeroed
-from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes, risen_before
+from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes
 from windmark.pipeline.infrared.frame import run_frame
 from windmark.pipeline.infrared.jumps import jumps
 from windmark.pipeline.infrared.load import InfraredRun, as_deform
+from windmark.pipeline.infrared.odd import odd_frames
 from windmark.pipeline.infrared.order import exchanged
 from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
 from windmark.pipeline.infrared.record import FAILED, FrameRecord
 from windmark.pipeline.infrared.repeats import REPEATS, repeated_in, without_repeats
+from windmark.pipeline.infrared.start import odd_start
 from windmark.pipeline.infrared.steady import SteadyMap, steady_map
 from windmark.pipeline.infrared.store import Store
 from windmark.pipeline.resume import CHUNK, SeriesJournal, check_state, read_stopped
@@ -155,12 +157,11 @@ def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameR
     done = make_fluxes(run, store, good)
     if run.walls and good and not done:
         remarks.append("there is no heat flux: no frame with temperatures is left before the heating began, or after")
-    if (said := risen_before(run, store, done)):
+    if (said := odd_start(run, store, done)):
         remarks.append(said)
-    if (said := exchanged(run, store, done)):
+    if (said := exchanged(run, store, done)) or (said := odd_frames(run, store, done)):
         remarks.append(said)
-    if (said := jumps(run, store, done)):
-        remarks.append(said)
+    remarks += jumps(run, store, done)
     maker, points = FieldMaker(run, store, done), PointHistories(run)
     out, every = [], run.project.output.every
     last = good[-1] if good else -1
@@ -202,6 +203,8 @@ def _steady(run: InfraredRun, store: Store, folder: Path, result: InfraredResult
         return
     result.steady = mean
     key = {r.index: r.key for r in result.records}
+    if mean.course is not None:
+        result.remarks.append(mean.course.words)
     result.remarks += [f"frame {key[i]} does not count in the mean: {why}" for i, why in mean.left_out.items()]
     none = np.where(mean.count > 0, 0, 1).astype(np.uint16)
     fields = FrameFields(mean.field, None, none, np.where(mean.count > 0, 0, -1).astype(np.int8))

@@ -100,7 +100,7 @@ class Store:
         if not path.is_file():
             return None
         row = _load(path)[0]
-        return np.asarray(row[:: max(1, -(-len(row) // most))], dtype=float)
+        return np.asarray(row[:: every(len(row), most)], dtype=float)
 
     def histories(self, camera: str, indices: Sequence[int], nodes: slice) -> dict[str, Array]:
         """Row -> (H, F) of a block of nodes in some frames; NaN and 0 where the camera has none."""
@@ -114,6 +114,11 @@ class Store:
                 for k, r in enumerate(rows):
                     out[r][:, f] = data[k]
         return out
+
+
+def every(count: int, most: int) -> int:
+    """Which nodes are taken where at most so many of them are: every first, second and so on."""
+    return max(1, -(-count // most))
 
 
 def _save(path: Path, array: NDArray[np.floating]) -> None:
