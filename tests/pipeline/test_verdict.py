@@ -14,7 +14,7 @@ from windmark.pipeline.deform.record import FrameRecord as DeformFrame
 from windmark.pipeline.infrared.record import FrameRecord
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
-from windmark.pipeline.psp.record import PointRecord
+from windmark.pipeline.psp.record import PointRecord, SectionRecord
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import BAD, CAUSES, DOUBTFUL, GOOD, Finding, Verdict
 from windmark.pipeline.verdict.cell import calibration_findings
@@ -318,6 +318,17 @@ def test_a_section_that_is_missing_is_doubted():
     assert psp_verdict([point]).word == GOOD
     verdict = psp_verdict([point], sections=["far"])
     assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "lost", f"left out: {said}")
+
+
+def test_a_section_without_loads_is_doubted_by_name():
+    none, flags = np.zeros(0), np.zeros(0, bool)
+    cut = SectionRecord("tip", np.zeros((0, 3)), none, flags, none, none, np.zeros(0, np.int32), none, none, none)
+    blind = replace(cut, name="root", why="no camera shows any of it")
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0, sections=(cut,))
+    assert psp_verdict([point], sections=["tip"]).word == GOOD
+    verdict = psp_verdict([replace(point, sections=(cut, blind))], sections=["tip", "root"])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "lost")
+    assert verdict.reason == "no loads of section root: no camera shows any of it"
 
 
 def test_a_level_without_light_that_nothing_says_is_doubted():

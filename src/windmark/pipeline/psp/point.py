@@ -47,7 +47,6 @@ class PointOutcome:
     alpha_seen_deg : the incidence that the wind-on pictures show
     on, off : the pictures
     seconds : for each stage
-    task : what was known besides the pictures
     """
 
     reduced: ReducedPoint
@@ -55,7 +54,6 @@ class PointOutcome:
     on: Found
     off: Found
     seconds: Mapping[str, float]
-    task: PointTask
 
 
 def run_point(test: PspTest, row: PointRow) -> PointOutcome:
@@ -99,7 +97,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
         said.append(str(ratio.self_lit))
     reduced = replace(reduced, remarks=(*reduced.remarks, *said))
     clock.lap("pressure and loads")
-    return PointOutcome(reduced, alpha, on, off.found, clock.laps, task)
+    return PointOutcome(reduced, alpha, on, off.found, clock.laps)
 
 
 def _ratio(test: PspTest, on: Found, off: References) -> MergedRatio:

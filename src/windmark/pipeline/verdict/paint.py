@@ -9,6 +9,8 @@ import numpy as np
 
 from windmark.errors import g2, g3
 from windmark.paint.well_tests import DOUBTED
+from windmark.pipeline.alike import alike
+from windmark.pipeline.alike import listed as listed_of
 from windmark.pipeline.likely_unit import model_box
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.psp.incidence import listed
@@ -82,6 +84,10 @@ def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
         one = f"section {lacks[0]}"
         words = next((said for said in r.remarks if said.startswith(f"{one}: ")), one)
         yield Finding(DOUBTFUL, "lost", f"left out: {words}", "correct it in the project, or take it out")
+    if without := alike((s.name, s.why) for s in r.sections if s.why):
+        words = "; ".join(f"{listed_of('section', names)}: {why}" for why, names in without.items())
+        step = "see point and normal in the project, in its length unit, and the map of what has a Cp; or take it out"
+        yield Finding(DOUBTFUL, "lost", f"no loads of {words}", step)
     refused = next((said for said in r.remarks if said.startswith("no loads: ")), "")
     if refused:
         step = "see the reason: correct grid or project, or take the loads out of the project"
