@@ -21,13 +21,8 @@ from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
 from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.grid import grid_findings
-from windmark.pipeline.verdict.paint import (
-    black_findings,
-    lamp_findings,
-    psp_verdict,
-    reference_findings,
-    response_findings,
-)
+from windmark.pipeline.verdict.lengths import psp_lengths
+from windmark.pipeline.verdict.paint import black_findings, psp_verdict, response_findings
 from windmark.tasks.psp.plausible import UNCHECKED
 
 Record = dict[str, Any]
@@ -60,9 +55,7 @@ def psp(
         further = black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given])
         further += response_findings({name: sensor.odd for name, sensor in test.sensors.items()})
         further += calibration_findings(test.paint.warnings)
-        further += lamp_findings(test.mesh, [lamp.position for lamp in test.project.lamp], unit)
-        if (given := test.project.loads) is not None:
-            further += reference_findings(test.mesh, given.area, given.chord, unit)
+        further += psp_lengths(test.mesh, test.project)
         sections = [s.name for s in test.project.section]
         verdict = psp_verdict(records, grid_findings(markers, test.mesh, unit), unit, sections, further)
         page = psp_page(test, records, out.place)
@@ -92,6 +85,7 @@ def summary(test: PspTest, records: list[PointRecord]) -> Record:
         "cameras": {name: {"gain": sensor.model.gain, "gain_from": sensor.gain_from}
                     for name, sensor in test.sensors.items()},
         "remarks": list(test.remarks),
+        "loads_by": None if test.project.loads is None else test.project.loads.record(),
         "results": [_point(r) for r in records],
     }  # fmt: skip
 

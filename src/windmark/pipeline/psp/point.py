@@ -203,7 +203,7 @@ def point_task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointT
     project = test.project
     warm, loads = project.temperature, project.loads
     reference = None if loads is None else LoadReference(
-        loads.area, loads.chord, loads.span or loads.chord, np.array(loads.moment_point), row.alpha_deg,
+        loads.area, loads.chord, loads.span_used, np.array(loads.moment_point), row.alpha_deg,
         float(np.nan_to_num(row.beta_deg)),
     )  # fmt: skip
     return PointTask(

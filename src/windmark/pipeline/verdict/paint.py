@@ -11,7 +11,6 @@ from windmark.errors import g2, g3
 from windmark.paint.well_tests import DOUBTED
 from windmark.pipeline.alike import alike
 from windmark.pipeline.alike import listed as listed_of
-from windmark.pipeline.likely_unit import model_box
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.psp.incidence import listed
 from windmark.pipeline.psp.response import QUIET, OddResponse
@@ -20,7 +19,6 @@ from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
-from windmark.scene import Mesh
 from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING
 
 
@@ -33,7 +31,7 @@ def psp_verdict(
 ) -> Verdict:
     """Judge a paint test; ``unit`` is that of lengths, ``sections`` the names of those that were asked for.
 
-    ``further``: what is found in the project and not in a point, see `black_findings` and `reference_findings`.
+    ``further``: what is found in the project and not in a point, see `black_findings` and `lengths.reference_findings`.
 
     ``units`` of `grid_findings` explain why no point came out, or are doubts.
     """
@@ -223,50 +221,4 @@ def response_findings(odd: Mapping[str, OddResponse | None]) -> list[Finding]:
         said = f"the noise of wind-off pictures of {camera} does not grow from that of the dark ones as light's does"
         step += "save pictures as the sensor has them, or give radiometry.linearity; see that nothing moved meanwhile"
         found.append(Finding(DOUBTFUL, "noise", f"{said}: {words}. Cp is wrong by it, and no sigma has it", step))
-    return found
-
-
-def reference_findings(mesh: Mesh, area: float, chord: float, unit: str) -> list[Finding]:
-    """Reference area and chord of the loads in another unit than the grid's, by the size of the model.
-
-    An area or a chord of exactly 1 is asked for by who wants loads over the dynamic pressure: it is none.
-    """
-    low, high = model_box(mesh)
-    sides = np.sort(high - low)
-    found = []
-    for what, value, own, within, power in (
-        ("area", area, float(sides[1] * sides[2]), rules.REFERENCE_AREA, "²"),
-        ("chord", chord, float(sides[2]), rules.REFERENCE_CHORD, ""),
-    ):
-        if value != 1 and not within[0] * own < value < within[1] * own:
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "units",
-                    f"loads.{what} is {value:.4g} {unit}{power}, the model's own is some {g2(own)} {unit}{power}",
-                    f"give loads.{what} in {unit}{power}",
-                )
-            )
-    return found
-
-
-def lamp_findings(mesh: Mesh, lamps: Sequence[Sequence[float]], unit: str) -> list[Finding]:
-    """Lamps that stand where none can: at the model, or so far away that their places are of another unit."""
-    low, high = model_box(mesh)
-    size = float(np.linalg.norm(high - low))
-    nodes = mesh.vertices[mesh.used]
-    nodes = nodes[((nodes >= low) & (nodes <= high)).all(axis=1)]
-    found = []
-    for k, lamp in enumerate(lamps):
-        near = float(np.linalg.norm(nodes - np.asarray(lamp, dtype=float), axis=1).min())
-        if not rules.LAMP[0] * size < near < rules.LAMP[1] * size:
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "units",
-                    f"lamp {k + 1} stands {g3(near)} {unit} from a model of {g3(size)} {unit}: the light that is taken "
-                    "from it is no lamp's",
-                    f"give lamp.position in {unit}, in the frame of markers and grid",
-                )
-            )
     return found

@@ -13,6 +13,7 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.given import NOTHING_MATCHED, empty_lists, given_pose
 from windmark.pipeline.verdict.grid import grid_findings
+from windmark.pipeline.verdict.lengths import section_findings
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import Sighting, registered_findings, spot_px, what_is_left
@@ -32,6 +33,8 @@ def run_verdict(result: RunResult) -> Verdict:
         tried = [item for item in result.images if item.registration is not None]
         none = bool(tried) and all(item.registered is None for item in tried)
         found += [replace(f, word=BAD) for f in beside] if none else beside
+    if result.mesh is not None:
+        found += section_findings(result.mesh, result.project.section, result.project.length_unit)
     found += [_missing(said).at(item.name) for item in result.images for said in item.left_out]
     found += [_missing(said) for said in result.lost_views]
     for group in result.merged:
