@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,7 @@ class PointOutcome:
     alpha_seen_deg : the incidence that the wind-on pictures show
     on, off : the pictures
     seconds : for each stage
+    pictures : content of each of its pictures -> kind, name, camera
     """
 
     reduced: ReducedPoint
@@ -54,6 +55,7 @@ class PointOutcome:
     on: Found
     off: Found
     seconds: Mapping[str, float]
+    pictures: Mapping[bytes, tuple[str, str, str]] = field(default_factory=dict)
 
 
 def run_point(test: PspTest, row: PointRow) -> PointOutcome:
@@ -97,7 +99,8 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
         said.append(str(ratio.self_lit))
     reduced = replace(reduced, remarks=(*reduced.remarks, *said))
     clock.lap("pressure and loads")
-    return PointOutcome(reduced, alpha, on, off.found, clock.laps)
+    return PointOutcome(reduced, alpha, on, off.found, clock.laps,
+                        {content: of for content, of in once.pictures.items() if of[0]})  # fmt: skip
 
 
 def _ratio(test: PspTest, on: Found, off: References) -> MergedRatio:

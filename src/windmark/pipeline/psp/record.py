@@ -56,6 +56,7 @@ class PointRecord:
     apart : of each two cameras, see `CamerasApart`
     scatter : of the pictures of each camera and kind
     several : what tells that pictures of several states are named, in words
+    taken : content of each of its pictures, see `same_picture.content_of` -> kind, name, camera
     fit : figures of the fit to the taps, empty without one
     loads : volume -> coefficient -> value and sigma
     shown : volume -> part of its area that is on a side that cameras show: loads are those of this part
@@ -89,6 +90,7 @@ class PointRecord:
     scatter: tuple[Scatter, ...] = ()
     several: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
+    taken: Mapping[bytes, tuple[str, str, str]] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -124,7 +126,7 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         tuple(_section(s, reduced.taps, without) for s in reduced.sections),
         (*done.on.followed, *done.off.followed), reduced.merged.apart,
         reduced.merged.scatter, (*done.on.several, *done.off.several),
-        dict(done.seconds),
+        dict(done.seconds), dict(done.pictures),
     )  # fmt: skip
 
 

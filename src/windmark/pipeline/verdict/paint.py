@@ -14,6 +14,8 @@ from windmark.pipeline.alike import listed as listed_of
 from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.psp.incidence import listed
 from windmark.pipeline.psp.response import QUIET, OddResponse
+from windmark.pipeline.psp.shared import shared_pictures
+from windmark.pipeline.psp.table import PointRow
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
@@ -190,6 +192,12 @@ def _light(r: PointRecord) -> Iterator[Finding]:
             f"the light differs by {g2(100 * r.flicker)} % from picture to picture (1 sigma)",
             "see lamps and exposure times, and that all pictures are of this point",
         )
+
+
+def shared_findings(records: Sequence[PointRecord], rows: Sequence[PointRow]) -> list[Finding]:
+    """Pictures that several points have, where their rows contradict each other: one point is not what it is said."""
+    step = "give each point its own pictures (on, off in the table of points), or correct its conditions"
+    return [Finding(DOUBTFUL, "picture", words, step, point) for point, words in shared_pictures(records, rows)]
 
 
 def black_findings(cameras: Sequence[str]) -> list[Finding]:
