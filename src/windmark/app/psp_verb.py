@@ -97,7 +97,8 @@ def _point(r: PointRecord) -> Record:
         return out
     taps = {} if r.taps is None else {"rms_cp": r.taps.rms}
     return out | {
-        "alpha_seen_deg": r.alpha_seen_deg, "rms_px": r.rms_px, "pictures": list(r.pictures_used), "seen": r.seen,
+        "alpha_seen_deg": r.alpha_seen_deg, "beta_seen_deg": r.beta_seen_deg, "rms_px": r.rms_px,
+        "pictures": list(r.pictures_used), "seen": r.seen,
         "median_sigma_cp": r.median_sigma_cp, "flicker": r.flicker,
         "cameras_differ": r.systematic, "in_situ": dict(r.fit), "taps": taps,
         "area_shown": dict(r.shown),

@@ -36,14 +36,17 @@ class TableEntry(Strict):
     """The run/point table, CSV: a row per point, see `points.read_points_table`.
 
     ``alpha_at_rest_deg``: the incidence of the model as markers and grid have it, in the frame of the cameras' poses.
-    ``max_alpha_error_deg``: how far the incidence that the pictures show may be from the table's; it tells rows that
-    were exchanged.
+    ``beta_at_rest_deg``: its sideslip there, positive with wind from starboard: that of the cameras' frame, where its x
+    is not along the wind.
+    ``max_alpha_error_deg``: how far incidence and sideslip that the pictures show may be from the table's; it tells
+    rows that were exchanged.
 
     ``table``: the file.
     """
 
     table: Path
     alpha_at_rest_deg: Finite = 0.0
+    beta_at_rest_deg: Finite = 0.0
     max_alpha_error_deg: Positive = 0.5
 
 

@@ -134,6 +134,7 @@ def write_all(folder: Path, test: PspTest, records: Sequence[PointRecord]) -> No
         "alpha_deg": np.array([r.alpha_deg for r in records]),
         "status": np.array([r.status for r in records], dtype=np.str_),
         "alpha_seen_deg": np.array([r.alpha_seen_deg for r in records]),
+        "beta_seen_deg": np.array([r.beta_seen_deg for r in records]),
         "rms_px": np.array([r.rms_px for r in records]),
         "pictures_on": np.array([r.pictures_used[0] for r in records]),
         "pictures_off": np.array([r.pictures_used[1] for r in records]),

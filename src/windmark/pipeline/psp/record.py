@@ -47,7 +47,7 @@ class PointRecord:
     pictures : camera and kind -> names, sizes and checksums of its pictures
     status, reason : `REDUCED`; or `FAILED`, and why
     remarks : what is to be said of it
-    alpha_seen_deg : the incidence that the pictures show
+    alpha_seen_deg, beta_seen_deg : incidence and sideslip that the pictures show
     rms_px : median residual of the registrations
     pictures_used : wind-on and wind-off pictures that count
     seen : part of the grid's nodes with a Cp
@@ -91,6 +91,7 @@ class PointRecord:
     several: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     taken: Mapping[bytes, tuple[str, str, str]] = field(default_factory=dict)
+    beta_seen_deg: float = float("nan")
 
     @property
     def key(self) -> str:
@@ -126,7 +127,7 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         tuple(_section(s, reduced.taps, without) for s in reduced.sections),
         (*done.on.followed, *done.off.followed), reduced.merged.apart,
         reduced.merged.scatter, (*done.on.several, *done.off.several),
-        dict(done.seconds), dict(done.pictures),
+        dict(done.seconds), dict(done.pictures), done.beta_seen_deg,
     )  # fmt: skip
 
 

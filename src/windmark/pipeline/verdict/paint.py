@@ -12,7 +12,7 @@ from windmark.paint.well_tests import DOUBTED
 from windmark.pipeline.alike import alike
 from windmark.pipeline.alike import listed as listed_of
 from windmark.pipeline.psp import PointRecord
-from windmark.pipeline.psp.incidence import listed
+from windmark.pipeline.psp.incidence import SIDESLIP, listed
 from windmark.pipeline.psp.response import QUIET, OddResponse
 from windmark.pipeline.psp.shared import shared_pictures
 from windmark.pipeline.psp.table import PointRow
@@ -109,6 +109,10 @@ def _states(r: PointRecord) -> Iterator[Finding]:
     step = "see that the patterns of the point's pictures name those of this point alone"
     for words in r.several:
         yield Finding(DOUBTFUL, "picture", words, step)
+    for words in (said for said in r.remarks if said.startswith(SIDESLIP) and r.loads):
+        say = "say beta_deg in the table of points or in [conditions] (wind from starboard is positive); or "
+        say += "points.beta_at_rest_deg, where the cameras' frame is not along the wind"
+        yield Finding(DOUBTFUL, "picture", words, say)
     odd = [s for s in r.scatter if s.times > rules.SCATTER_TIMES and s.part > rules.SCATTER]
     if odd:
         worst = max(odd, key=lambda s: s.part)
