@@ -23,6 +23,7 @@ from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.lengths import psp_lengths
 from windmark.pipeline.verdict.paint import black_findings, psp_verdict, response_findings, shared_findings
+from windmark.pipeline.verdict.wanted import far_findings
 from windmark.tasks.psp.plausible import UNCHECKED
 
 Record = dict[str, Any]
@@ -56,6 +57,7 @@ def psp(
         further += response_findings({name: sensor.odd for name, sensor in test.sensors.items()})
         further += calibration_findings(test.paint.warnings)
         further += shared_findings(records, test.rows)
+        further += far_findings(test.places, unit)
         further += psp_lengths(test.mesh, test.project)
         sections = [s.name for s in test.project.section]
         verdict = psp_verdict(records, grid_findings(markers, test.mesh, unit), unit, sections, further)

@@ -17,7 +17,7 @@ from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.points import PointSet, on_grid, read_lists
+from windmark.pipeline.points import PointSet, lists_on_grid
 from windmark.pipeline.psp.calibration import PaintCalibration, read_calibration, read_temperature_calibration
 from windmark.pipeline.psp.cell import calibrate_paint, read_cell
 from windmark.pipeline.psp.offs import by_incidence, by_run, read_references, run_remarks
@@ -120,14 +120,13 @@ def _load(project: PspProject) -> PspTest:
     if project.self_illumination is None:
         remarks += left_words(deforming.mesh)
     polygons = () if project.patches.polygons is None else read_polygons(project.patches.polygons, lengths)
-    places = [on_grid(entry, part, deforming.mesh) for entry, part in
-              zip(project.place, read_lists(project.place, lengths), strict=True)]  # fmt: skip
+    places = lists_on_grid(project.place, lengths, deforming.mesh)
     lamps = tuple(Lamp(lamp.position, lamp.power) for lamp in project.lamp)
     return PspTest(
         project, deforming, deforming.mesh, rows, paint, sensors, taps, pressures, wells, readings, lamps,
         None if warm.paint is None else read_temperature_calibration(warm.paint), polygons,
         _reflecting(project, deforming.mesh), tuple(remarks), frame_views(project, deforming.mesh),
-        tuple(places),
+        places,
     )  # fmt: skip
 
 

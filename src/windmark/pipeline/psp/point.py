@@ -16,6 +16,7 @@ from windmark.pipeline.psp.incidence import at_incidence, of_one_state, unsaid_s
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
+from windmark.pipeline.psp.places import without_places
 from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable, reference_kind
 from windmark.pipeline.psp.wall import steady_of, wall_of
 from windmark.tasks.psp import (
@@ -91,6 +92,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady)
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
     said = [*row.remarks, *once.remarks, *wall.remarks, *about]
+    said += without_places(test.places, test.mesh, reduced)
     said += unsaid_sideslip(test.project.points, row.beta_deg, seen[1])
     if not np.isfinite(stream.mach):
         said.append(f"no Mach number is given to test the pressures by: p_inf and q_inf are those of Mach "

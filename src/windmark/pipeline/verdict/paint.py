@@ -21,6 +21,7 @@ from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.pipeline.verdict.wanted import valueless_findings
 from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING
 
 
@@ -88,6 +89,7 @@ def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
         words = "; ".join(f"{listed_of('section', names)}: {why}" for why, names in without.items())
         step = "see point and normal in the project, in its length unit, and the map of what has a Cp; or take it out"
         yield Finding(DOUBTFUL, "lost", f"no loads of {words}", step)
+    yield from valueless_findings(r.remarks)
     refused = next((said for said in r.remarks if said.startswith("no loads: ")), "")
     if refused:
         step = "see the reason: correct grid or project, or take the loads out of the project"
