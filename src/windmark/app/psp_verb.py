@@ -19,10 +19,17 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
+from windmark.pipeline.verdict import Finding
 from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.lengths import psp_lengths
-from windmark.pipeline.verdict.paint import black_findings, psp_verdict, response_findings, shared_findings
+from windmark.pipeline.verdict.paint import (
+    black_findings,
+    psp_verdict,
+    response_findings,
+    shared_findings,
+    stranger_findings,
+)
 from windmark.pipeline.verdict.wanted import far_findings
 from windmark.tasks.psp.plausible import UNCHECKED
 
@@ -53,14 +60,8 @@ def psp(
         record = summary(test, records)
         markers = test.deforming.test.markers
         unit = test.project.length_unit
-        further = black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given])
-        further += response_findings({name: sensor.odd for name, sensor in test.sensors.items()})
-        further += calibration_findings(test.paint.warnings)
-        further += shared_findings(records, test.rows)
-        further += far_findings(test.places, unit)
-        further += psp_lengths(test.mesh, test.project)
         sections = [s.name for s in test.project.section]
-        verdict = psp_verdict(records, grid_findings(markers, test.mesh, unit), unit, sections, further)
+        verdict = psp_verdict(records, grid_findings(markers, test.mesh, unit), unit, sections, _further(test, records))
         page = psp_page(test, records, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(test.project, out.sources()))
@@ -78,6 +79,19 @@ def psp(
     if not good:
         why = records[0].reason if records else "the table has no points"
         console.refuse(f"no point could be reduced; the first: {why}", as_json, record)
+
+
+def _further(test: PspTest, records: list[PointRecord]) -> list[Finding]:
+    """What is found in the project and its files, and between points."""
+    return [
+        *black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given]),
+        *response_findings({name: sensor.odd for name, sensor in test.sensors.items()}),
+        *calibration_findings(test.paint.warnings),
+        *shared_findings(records, test.rows),
+        *stranger_findings(test.remarks),
+        *far_findings(test.places, test.project.length_unit),
+        *psp_lengths(test.mesh, test.project),
+    ]
 
 
 def summary(test: PspTest, records: list[PointRecord]) -> Record:

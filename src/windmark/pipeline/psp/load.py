@@ -23,6 +23,7 @@ from windmark.pipeline.psp.cell import calibrate_paint, read_cell
 from windmark.pipeline.psp.offs import by_incidence, by_run, read_references, run_remarks
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.sensors import CameraSensor, read_sensor
+from windmark.pipeline.psp.strangers import strangers
 from windmark.pipeline.psp.stream import constants_of
 from windmark.pipeline.psp.table import PointRow, SensorTable, read_points_table, read_sensors
 from windmark.pipeline.results import FramedView
@@ -108,12 +109,12 @@ def _load(project: PspProject) -> PspTest:
     if project.taps is not None:
         taps = lengths.points(project.taps.file, project.taps.roles, strict=True)
         pressures = read_sensors(project.taps.pressures, "pressure", project.taps.sigma or TAP_SIGMA_Pa)
-        remarks += _strangers(pressures, taps)
+        remarks += strangers(pressures, taps, [row.name for row in rows])
     warm = project.temperature
     if warm.thermocouples is not None and warm.readings is not None:
         wells = lengths.points(warm.thermocouples, strict=True)
         readings = read_sensors(warm.readings, "temperature", WELL_SIGMA_K)
-        remarks += _strangers(readings, wells)
+        remarks += strangers(readings, wells, [row.name for row in rows])
     if not project.lamp and not all("reference" in row.channels for row in rows):
         remarks.append("no [[lamp]] is given: light that changes because the model moves in it is neither corrected "
                        "nor in any sigma")  # fmt: skip
@@ -212,11 +213,3 @@ def read_polygons(path: Path, lengths: Lengths) -> tuple[Array, ...]:
             raise io.FileError(path, what, "name")
         out.append(corners)
     return tuple(out)
-
-
-def _strangers(table: SensorTable, places: io.PointList) -> list[str]:
-    """Sensors with readings that have no place."""
-    known = set(places.name.tolist())
-    lost = sorted({n for own in table.of.values() for n in own} - known)
-    some = ", ".join(lost[:5]) + (", ..." if len(lost) > 5 else "")
-    return [f"{table.path}: {len(lost)} sensors have readings but no place: {some}"] if lost else []

@@ -15,6 +15,7 @@ from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.psp.incidence import SIDESLIP, listed
 from windmark.pipeline.psp.response import QUIET, OddResponse
 from windmark.pipeline.psp.shared import shared_pictures
+from windmark.pipeline.psp.strangers import OF_NO_POINT
 from windmark.pipeline.psp.table import PointRow
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
@@ -204,6 +205,12 @@ def shared_findings(records: Sequence[PointRecord], rows: Sequence[PointRow]) ->
     """Pictures that several points have, where their rows contradict each other: one point is not what it is said."""
     step = "give each point its own pictures (on, off in the table of points), or correct its conditions"
     return [Finding(DOUBTFUL, "picture", words, step, point) for point, words in shared_pictures(records, rows)]
+
+
+def stranger_findings(remarks: Sequence[str]) -> list[Finding]:
+    """Readings under names that no point has, of points that have none: they do not count."""
+    step = "call the points in the readings as in the table of points, letter by letter"
+    return [Finding(DOUBTFUL, "file", words, step) for words in remarks if OF_NO_POINT in words]
 
 
 def black_findings(cameras: Sequence[str]) -> list[Finding]:
