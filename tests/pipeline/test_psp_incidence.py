@@ -4,11 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from windmark.errors import DataError
+from windmark.paint import LoadReference
 from windmark.pipeline.psp import REDUCED, PointRecord
 from windmark.pipeline.psp.entries import TableEntry
-from windmark.pipeline.psp.incidence import at_incidence, of_one_state
+from windmark.pipeline.psp.incidence import SIDESLIP, at_incidence, of_one_state, seen_angles, unsaid_sideslip
 from windmark.pipeline.psp.pictures import Found
 from windmark.pipeline.verdict import DOUBTFUL, GOOD
 from windmark.pipeline.verdict.paint import psp_verdict
@@ -17,24 +19,27 @@ from windmark.tasks.psp import Scatter
 ENTRY = TableEntry(table="points.csv")
 
 
-def found(*alphas):
-    """Pictures by two cameras of states at these incidences."""
-    def state(alpha):
-        rotation = np.eye(3)
-        rotation[0, 2] = np.sin(np.radians(alpha))
-        return SimpleNamespace(tunnel_from_model=SimpleNamespace(rotation=rotation))
+def found(*alphas, betas=None, rest=(0.0, 0.0)):
+    """Pictures by two cameras of states at these incidences, and sideslips, of a model at ``rest``."""
+    def axes(alpha, beta):
+        return LoadReference(1, 1, 1, alpha_deg=alpha, beta_deg=beta).wind_axes()
+
+    def state(alpha, beta):
+        # The wind's axes in the model are turned from those at rest to those of the state.
+        return SimpleNamespace(tunnel_from_model=SimpleNamespace(rotation=axes(*rest).T @ axes(alpha, beta)))
 
     pictures = [(SimpleNamespace(name=f"{k}-{c}", camera=c), k) for k in range(len(alphas)) for c in "xy"]
     names = tuple(p.name for p, _ in pictures)
-    return Found(tuple(p for p, _ in pictures), tuple(map(state, alphas)), tuple(map(float, range(len(alphas)))),
+    states = tuple(map(state, alphas, betas or [0.0] * len(alphas)))
+    return Found(tuple(p for p, _ in pictures), states, tuple(map(float, range(len(alphas)))),
                  names=names, followed=tuple(range(len(alphas))), instants=tuple(k for _, k in pictures))  # fmt: skip
 
 
 def test_pictures_at_the_tables_incidence_are_left_as_they_are():
     given = found(2.03, 1.9, 2.2)
-    kept, alpha = at_incidence(ENTRY, 2.0, given)
+    kept, angles = at_incidence(ENTRY, 2.0, given)
     assert kept is given
-    assert alpha == pytest.approx(2.03)
+    assert angles == pytest.approx((2.03, 0.0), abs=1e-9)
     assert of_one_state(ENTRY, given, "wind-off") is given
 
 
@@ -42,7 +47,7 @@ def test_pictures_at_the_tables_incidence_are_left_as_they_are():
 def test_those_of_another_incidence_do_not_count_and_are_named(at):
     alphas = [2.0, 2.1, 2.05]
     alphas[at] = 4.0
-    kept, alpha = at_incidence(ENTRY, 2.0, found(*alphas))
+    kept, (alpha, _) = at_incidence(ENTRY, 2.0, found(*alphas))
     others = [k for k in range(3) if k != at]
     assert [p.name for p in kept.pictures] == [f"{k}-{c}" for k in others for c in "xy"]
     assert kept.rms_px == tuple(map(float, others))
@@ -66,6 +71,54 @@ def test_most_of_another_incidence_refuse_the_point():
 def test_wind_off_pictures_of_several_incidences_are_said():
     told = of_one_state(ENTRY, found(0.0, 0.0, 2.0), "wind-off").several
     assert told == ("wind-off pictures are of several states: the incidence is 0.00 degrees in 0-x and 2.00 in 2-x",)
+
+
+def test_angles_are_those_of_the_wind_in_the_models_axes_at_rest_or_not():
+    """Also far from zero, where the sine of the pitch is no incidence any more."""
+    for alpha, beta in ((4.0, 5.0), (30.0, -15.0), (-8.0, 0.0)):
+        np.testing.assert_allclose(seen_angles(ENTRY, found(alpha, betas=[beta]).states), [[alpha, beta]], atol=1e-9)
+        entry = TableEntry(table="points.csv", alpha_at_rest_deg=3.0, beta_at_rest_deg=2.0)
+        states = found(alpha, betas=[beta], rest=(3.0, 2.0)).states
+        np.testing.assert_allclose(seen_angles(entry, states), [[alpha, beta]], atol=1e-9)
+    nose_up, nose_to_starboard = (Rotation.from_euler(axis, angle, degrees=True).as_matrix() for axis, angle in
+                                  (("y", 4.0), ("z", -5.0)))  # fmt: skip
+    states = tuple(SimpleNamespace(tunnel_from_model=SimpleNamespace(rotation=r)) for r in (nose_up, nose_to_starboard))
+    np.testing.assert_allclose(seen_angles(ENTRY, states), [[4.0, 0.0], [0.0, -5.0]], atol=1e-9)
+
+
+def test_a_sideslip_that_the_table_says_is_compared_as_the_incidence_is():
+    given = found(2.0, 2.1, betas=[-5.1, -4.9])
+    kept, angles = at_incidence(ENTRY, 2.0, given, beta_deg=-5.0)
+    assert kept is given
+    assert angles == pytest.approx((2.0, -5.1))
+    with pytest.raises(DataError, match=r"^its pictures show a sideslip of -5\.10 degrees, the table of points says 0"):
+        at_incidence(ENTRY, 2.0, given, beta_deg=0.0)
+    with pytest.raises(DataError, match=r"says 5: its sign is the other one .*points\.beta_at_rest_deg") as turned:
+        at_incidence(ENTRY, 2.0, given, beta_deg=5.0)
+    failed = PointRecord("p1", 2.0, {}, "failed", str(turned.value))
+    assert psp_verdict([failed]).next_step.startswith("turn the sign of beta_deg")
+    one = found(2.0, 2.0, 4.0, betas=[0.1, 5.0, 0.1])
+    with pytest.raises(DataError, match=r"^2 of 3 of its pictures show a sideslip of 5\.00 degrees"):
+        at_incidence(ENTRY, 2.0, one, beta_deg=0.0)
+    kept, _ = at_incidence(ENTRY, 2.0, found(2.0, 2.0, 2.0, betas=[0.1, 5.0, 0.1]), beta_deg=0.0)
+    assert [p.name for p in kept.pictures] == ["0-x", "0-y", "2-x", "2-y"]
+    assert kept.bad[0].why == "it shows a sideslip of 5.00 degrees, the table of points says 0: it is of another point"
+    assert "show another sideslip (5.00 degrees) than the table of points says (0)" in kept.several[0]
+
+
+def test_a_sideslip_that_no_table_says_is_told_and_doubts_loads():
+    given = found(2.0, 2.0, betas=[-5.0, -5.0])
+    assert at_incidence(ENTRY, 2.0, given)[0] is given
+    assert unsaid_sideslip(ENTRY, -5.0, -5.0) == []
+    assert unsaid_sideslip(ENTRY, float("nan"), 0.4) == []
+    (words,) = unsaid_sideslip(ENTRY, float("nan"), -5.0)
+    assert words.startswith(f"{SIDESLIP} of -5.00 degrees, of which the table of points says nothing")
+    point = PointRecord(**{**vars(POINT), "remarks": (words,)})
+    assert psp_verdict([point]).word == GOOD
+    verdict = psp_verdict([PointRecord(**{**vars(point), "loads": {"all": {}}})])
+    assert (verdict.word, verdict.reason) == (DOUBTFUL, words)
+    told = of_one_state(ENTRY, found(2.0, 2.0, betas=[0.0, 5.0]), "wind-on").several
+    assert told == ("wind-on pictures are of several states: the sideslip is 0.00 degrees in 0-x and 5.00 in 1-x",)
 
 
 POINT = PointRecord("p1", 0.0, {}, REDUCED, seen=0.9, median_sigma_cp=0.01, flicker=0.01)

@@ -14,7 +14,7 @@ from windmark.pipeline.deform.record import FrameRecord as DeformFrame
 from windmark.pipeline.infrared.record import FrameRecord
 from windmark.pipeline.job import run_project
 from windmark.pipeline.project import read_project
-from windmark.pipeline.psp.record import PointRecord
+from windmark.pipeline.psp.record import PointRecord, SectionRecord
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import BAD, CAUSES, DOUBTFUL, GOOD, Finding, Verdict
 from windmark.pipeline.verdict.cell import calibration_findings
@@ -25,7 +25,7 @@ from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.grid import units_findings
 from windmark.pipeline.verdict.infrared import infrared_verdict
 from windmark.pipeline.verdict.network import _left_out, reconstruct_verdict
-from windmark.pipeline.verdict.paint import black_findings, lamp_findings, psp_verdict, reference_findings
+from windmark.pipeline.verdict.paint import black_findings, psp_verdict
 from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_blur
 from windmark.pipeline.verdict.reasons import MOVED
 from windmark.pipeline.verdict.registered import REFUSALS, refused
@@ -33,7 +33,7 @@ from windmark.pipeline.verdict.run import run_verdict
 from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import NotRegistered, register
 from windmark.registration.result import CAUSES as REGISTRATION_CAUSES
-from windmark.scene import Detections, MarkerSet, Mesh
+from windmark.scene import Detections, MarkerSet
 from windmark.scene.repeated import ONCE_MORE
 from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.deform.task import Sight
@@ -320,6 +320,17 @@ def test_a_section_that_is_missing_is_doubted():
     assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "lost", f"left out: {said}")
 
 
+def test_a_section_without_loads_is_doubted_by_name():
+    none, flags = np.zeros(0), np.zeros(0, bool)
+    cut = SectionRecord("tip", np.zeros((0, 3)), none, flags, none, none, np.zeros(0, np.int32), none, none, none)
+    blind = replace(cut, name="root", why="no camera shows any of it")
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0, sections=(cut,))
+    assert psp_verdict([point], sections=["tip"]).word == GOOD
+    verdict = psp_verdict([replace(point, sections=(cut, blind))], sections=["tip", "root"])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "lost")
+    assert verdict.reason == "no loads of section root: no camera shows any of it"
+
+
 def test_a_level_without_light_that_nothing_says_is_doubted():
     point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0)
     verdict = psp_verdict([point], further=black_findings(["cam1", "cam2"]))
@@ -337,26 +348,6 @@ def test_taps_that_disagree_by_more_than_the_sigmas_explain_are_doubted():
     assert (off.word, off.cause) == (DOUBTFUL, "taps")
     assert "differ by 3700 Pa beyond their sigmas, which explain 300 Pa" in off.reason
     assert "no tap checks their level" in psp_verdict([replace(point, fit={})]).reason
-
-
-def test_a_reference_area_in_another_unit_is_doubted():
-    mesh = Mesh.make(np.array([[0.0, 0, 0], [400, 0, 0], [400, 600, 0], [0, 600, 40]]),
-                     np.array([[0, 1, 2], [0, 2, 3]]))  # fmt: skip
-    assert reference_findings(mesh, 95884.8, 181.6, "mm") == []
-    assert reference_findings(mesh, 1.0, 1.0, "mm") == []  # loads over the dynamic pressure
-    metres = reference_findings(mesh, 0.0958848, 0.1816, "mm")
-    assert [f.reason.split(" is ")[0] for f in metres] == ["loads.area", "loads.chord"]
-    assert all(f.cause == "units" for f in metres)
-    assert [f.next_step for f in reference_findings(mesh, 148.6, 181.6, "mm")] == ["give loads.area in mm²"]
-
-
-def test_lamps_at_the_model_are_doubted(tunnel):
-    right = [(-350.0, 950.0, 1500.0), (800.0, 100.0, 1250.0)]
-    assert lamp_findings(tunnel.mesh, right, "mm") == []
-    (found,) = lamp_findings(tunnel.mesh, [right[0], (100.0, 100.0, 20.0)], "mm")
-    assert found.cause == "units"
-    assert found.reason.startswith("lamp 2 stands ")
-    assert len(lamp_findings(tunnel.mesh, np.array(right) * 1000, "mm")) == 2
 
 
 def test_a_flicker_that_nothing_says_is_doubted_unless_taps_take_it_out():

@@ -421,7 +421,7 @@ def test_a_doubted_grid_under_a_given_pose_is_no_bad_result(tunnel):
     mesh = replace(tunnel.mesh, vertices=tunnel.mesh.vertices + np.array([0, 0, 2e-3 * tunnel.mesh.size]))
     bright = np.clip(np.random.default_rng(6).normal(200, 40, (60, 80)), 0, 255).astype(np.uint8)
     given = ImageResult("a", bright, tunnel.cameras["cam1"])  # clipped: a doubt of its own
-    project = SimpleNamespace(length_unit="mm")
+    project = SimpleNamespace(length_unit="mm", section=())
     result = SimpleNamespace(images=(given,), markers=tunnel.markers, mesh=mesh, project=project, lost_views=(),
                              merged=())  # fmt: skip
     verdict = run_verdict(result)

@@ -265,8 +265,10 @@ def test_loads_of_a_section_are_those_of_the_side_that_is_shown():
     top = (np.arange(len(x)) < len(upper.vertices)) & (np.abs(x) < 19.5)
     cp = NodeField.make(np.where(top, np.where(x < 0.5, -0.4, 0.0), np.nan), 0.01).with_mode("offset", 0.02)
     wanted = [SectionWanted("here", (0, 0.3, 0), (0, 1, 0)), SectionWanted("nowhere", (0, 99, 0), (0, 1, 0))]
-    ((name, got),) = section_loads(mesh, cp, wanted, LoadReference(1, 1, 1))
-    assert name == "here"
+    (one,) = section_loads(mesh, cp, wanted, LoadReference(1, 1, 1))
+    got = one.loads
+    assert (one.name, one.why) == ("here", "")
+    assert one.shown == pytest.approx(0.5, abs=0.02)
     assert got.chord[0] == pytest.approx(40)
     # Half a cell more than half the chord; the moment about a quarter of the chord.
     assert got.value[0, 0] == pytest.approx(0.4 * 20.5 / 40, abs=2e-3)

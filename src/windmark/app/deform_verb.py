@@ -43,6 +43,7 @@ from windmark.pipeline.resume import begun_with
 from windmark.pipeline.verdict import Verdict, rules
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.pipeline.verdict.grid import grid_findings
+from windmark.pipeline.verdict.wanted import far_findings
 
 Record = dict[str, Any]
 
@@ -139,6 +140,7 @@ def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: flo
     zero = [key_of(key) for key in loaded.project.sequence.zero]
     unit = loaded.project.length_unit
     beside = [] if loaded.mesh is None else grid_findings(loaded.test.markers, loaded.mesh, unit)
+    beside += far_findings(loaded.places, unit)
     verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True), unit, zero,
                              loaded.test.volumes.names, beside)  # fmt: skip
     page = deform_page(loaded, sequence, record, folder)

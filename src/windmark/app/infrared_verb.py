@@ -30,6 +30,7 @@ from windmark.pipeline.infrared import (
 from windmark.pipeline.infrared.likely import odd_units
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.infrared import infrared_verdict, unit_findings
+from windmark.pipeline.verdict.wanted import far_findings, valueless_findings
 
 Record = dict[str, Any]
 
@@ -55,6 +56,7 @@ def infrared(path: Path, output: Path | None, go_on: str, as_json: bool) -> None
         unit = run.project.length_unit
         beside = grid_findings(run.deforming.test.markers, run.mesh, unit)
         beside += unit_findings(odd_units(run), run.project.surface.surroundings_K)
+        beside += [*far_findings(run.points, unit), *valueless_findings(result.points.valueless())]
         verdict = infrared_verdict(result.records, result.remarks, unit, beside)
         page = infrared_page(run, result, out.place)
         put_verdict(page, verdict)

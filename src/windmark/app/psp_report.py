@@ -49,6 +49,7 @@ def psp_page(test: PspTest, records: list[PointRecord], folder: Path) -> Report:
             report.drawing("picture of the loads", lambda: loads_picture(loaded),
                            "Pressure loads of what cameras show, by volume; error bars: 2 sigma")  # fmt: skip
             _loads(report, loaded)
+            _references(report, test)
         report.heading("Cp on the surface")
         report.scene("3D view", lambda: psp_scene(test, done, lambda r: _fields(folder / r.name / FIELDS)),
                      "Cp of each point, or its sigma, all on one scale, each on its deformed grid, with cameras, "
@@ -112,6 +113,17 @@ def _loads(report: Report, records: list[PointRecord]) -> None:
     columns = ["point", "incidence °", "volume", "area shown", *names, "sigma of CL by"]
     report.table(columns, rows, scroll=len(rows) > 15)
     report.text("Loads are those of the part of each volume's area that cameras show, against p_inf.", "soft")
+
+
+def _references(report: Report, test: PspTest) -> None:
+    """What the coefficients are by."""
+    by, unit = test.project.loads, test.project.length_unit
+    if by is None:
+        return
+    of = f"{by.span:g} {unit} span" if by.span else "the chord, for no loads.span is given"
+    about = ", ".join(f"{x:g}" for x in by.moment_point)
+    report.text(f"Forces are by {by.area:g} {unit}²; Cm by that and {by.chord:g} {unit} chord, Cl and Cn by that and "
+                f"{of}; moments are about ({about}) {unit}.", "soft")  # fmt: skip
 
 
 def _pictures(report: Report, test: PspTest, done: list[PointRecord]) -> None:

@@ -19,15 +19,18 @@ from windmark.app.verdict_words import put_verdict, verdict_lines
 from windmark.compiling import job_time
 from windmark.pipeline.alike import alike, listed
 from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_psp, read_psp_project, reduced, run_psp
+from windmark.pipeline.verdict import Finding
 from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.grid import grid_findings
+from windmark.pipeline.verdict.lengths import psp_lengths
 from windmark.pipeline.verdict.paint import (
     black_findings,
-    lamp_findings,
     psp_verdict,
-    reference_findings,
     response_findings,
+    shared_findings,
+    stranger_findings,
 )
+from windmark.pipeline.verdict.wanted import far_findings
 from windmark.tasks.psp.plausible import UNCHECKED
 
 Record = dict[str, Any]
@@ -57,14 +60,8 @@ def psp(
         record = summary(test, records)
         markers = test.deforming.test.markers
         unit = test.project.length_unit
-        further = black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given])
-        further += response_findings({name: sensor.odd for name, sensor in test.sensors.items()})
-        further += calibration_findings(test.paint.warnings)
-        further += lamp_findings(test.mesh, [lamp.position for lamp in test.project.lamp], unit)
-        if (given := test.project.loads) is not None:
-            further += reference_findings(test.mesh, given.area, given.chord, unit)
         sections = [s.name for s in test.project.section]
-        verdict = psp_verdict(records, grid_findings(markers, test.mesh, unit), unit, sections, further)
+        verdict = psp_verdict(records, grid_findings(markers, test.mesh, unit), unit, sections, _further(test, records))
         page = psp_page(test, records, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(test.project, out.sources()))
@@ -84,6 +81,19 @@ def psp(
         console.refuse(f"no point could be reduced; the first: {why}", as_json, record)
 
 
+def _further(test: PspTest, records: list[PointRecord]) -> list[Finding]:
+    """What is found in the project and its files, and between points."""
+    return [
+        *black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given]),
+        *response_findings({name: sensor.odd for name, sensor in test.sensors.items()}),
+        *calibration_findings(test.paint.warnings),
+        *shared_findings(records, test.rows),
+        *stranger_findings(test.remarks),
+        *far_findings(test.places, test.project.length_unit),
+        *psp_lengths(test.mesh, test.project),
+    ]
+
+
 def summary(test: PspTest, records: list[PointRecord]) -> Record:
     """The figures of a test."""
     return {
@@ -92,6 +102,7 @@ def summary(test: PspTest, records: list[PointRecord]) -> Record:
         "cameras": {name: {"gain": sensor.model.gain, "gain_from": sensor.gain_from}
                     for name, sensor in test.sensors.items()},
         "remarks": list(test.remarks),
+        "loads_by": None if test.project.loads is None else test.project.loads.record(),
         "results": [_point(r) for r in records],
     }  # fmt: skip
 
@@ -102,7 +113,8 @@ def _point(r: PointRecord) -> Record:
         return out
     taps = {} if r.taps is None else {"rms_cp": r.taps.rms}
     return out | {
-        "alpha_seen_deg": r.alpha_seen_deg, "rms_px": r.rms_px, "pictures": list(r.pictures_used), "seen": r.seen,
+        "alpha_seen_deg": r.alpha_seen_deg, "beta_seen_deg": r.beta_seen_deg, "rms_px": r.rms_px,
+        "pictures": list(r.pictures_used), "seen": r.seen,
         "median_sigma_cp": r.median_sigma_cp, "flicker": r.flicker,
         "cameras_differ": r.systematic, "in_situ": dict(r.fit), "taps": taps,
         "area_shown": dict(r.shown),

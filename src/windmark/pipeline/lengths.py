@@ -14,7 +14,7 @@ from windmark.io.markers import TARGET_ROLES
 from windmark.pipeline.likely_unit import Array, Box, likely_unit, model_box
 from windmark.pipeline.settings import COMMAND_LINE
 from windmark.scene import MarkerCovariance, MarkerSet, Mesh
-from windmark.scene.units import IN_WORDS, spelt
+from windmark.scene.units import IN_WORDS, either
 
 Noun = TypeVar("Noun", MarkerSet, Mesh, io.PointList)
 
@@ -79,7 +79,7 @@ class Lengths:
         for path in self._silent if self._telling else ():
             text = f"says no length unit; its lengths are taken in {self.unit}, as {self._telling[0]} says"
             likely = next((units for _, units, _ in self._doubts(path)), None)
-            out.append((path, f"{text}; by their size they are rather in {_or(likely)}" if likely else text))
+            out.append((path, f"{text}; by their size they are rather in {either(likely)}" if likely else text))
         return tuple(out)
 
     def _doubts(self, path: Path) -> Iterator[tuple[Path, list[str], bool]]:
@@ -97,8 +97,8 @@ class Lengths:
             for other, units, sure in self._doubts(path):
                 if sure:
                     there = f"{other}{' (which says none, either)' if other in self._silent else ''}"
-                    taken = _or([str(self.unit)])
-                    words = f"says none; in {taken} it does not lie at {there}, in {_or(units)} it would"
+                    taken = either([str(self.unit)])
+                    words = f"says none; in {taken} it does not lie at {there}, in {either(units)} it would"
                     hint = f"windmark convert --unit {units[0]} --to-unit {self.unit}"
                     raise io.FileError(path, f"{words} ({hint})", _KEY)
 
@@ -156,7 +156,3 @@ _KEY = "length unit"
 def _note(paths: list[Path], path: Path) -> None:
     if path not in paths:
         paths.append(path)
-
-
-def _or(units: list[str]) -> str:
-    return " or ".join(map(spelt, units))

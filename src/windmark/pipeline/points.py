@@ -20,6 +20,9 @@ from windmark.scene import Mesh
 
 Array = NDArray[np.float64]
 
+NO_VALUE = "no value at any of the points of"
+"""Begins what is said of a list without any."""
+
 
 @dataclass(frozen=True)
 class PointSet:
@@ -96,6 +99,16 @@ def load_points(project: Project, lists: Sequence[io.PointList], mesh: Mesh) -> 
     """
     found = [on_grid(entry, points, mesh) for entry, points in zip(project.points, lists, strict=True)]
     return (*found, *(_line(project.path, i, entry, mesh) for i, entry in enumerate(project.line)))
+
+
+def without_value(of: PointSet, why: str) -> str:
+    """What is to be said of a list of which no point has a value."""
+    return f"{NO_VALUE} {of.name} ({len(of.names)}): {why}"
+
+
+def lists_on_grid(entries: Sequence[PointsEntry], lengths: Lengths, mesh: Mesh) -> tuple[PointSet, ...]:
+    """`read_lists`, put on the grid."""
+    return tuple(on_grid(e, points, mesh) for e, points in zip(entries, read_lists(entries, lengths), strict=True))
 
 
 def on_grid(entry: PointsEntry, points: io.PointList, mesh: Mesh) -> PointSet:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,11 @@ SIGMAS_OFF = "the sigmas of the table are in another unit than its places"
 def spelt(unit: str) -> str:
     """A unit in a sentence, where "in" is another word."""
     return "inch" if unit == "in" else unit
+
+
+def either(units: Sequence[str]) -> str:
+    """Some units in a sentence: "m or ft"."""
+    return " or ".join(map(spelt, units))
 
 
 def mixed_units(factor: float, place_unit: str = "") -> tuple[str, str] | None:

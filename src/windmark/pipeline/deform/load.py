@@ -20,6 +20,7 @@ from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeE
 from windmark.pipeline.grid import read_grid, with_curvature
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.likely_unit import likely_unit
+from windmark.pipeline.points import PointSet, lists_on_grid
 from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.scene import MarkerSet, Mesh
 from windmark.scene.units import spelt
@@ -48,6 +49,7 @@ class Loaded:
     stations : where twist and bending are reported; None without
     remarks : what is odd but no error
     read : the files that all this was read from
+    places : lists of points on the grid at which values are wanted
     """
 
     project: DeformProject
@@ -56,6 +58,7 @@ class Loaded:
     stations: Stations | None
     remarks: tuple[str, ...]
     read: tuple[Path, ...] = ()
+    places: tuple[PointSet, ...] = ()
 
 
 def load(project: DeformProject) -> Loaded:
@@ -107,7 +110,8 @@ def _load(project: DeformProject) -> Loaded:
         rig, markers, volumes, project.motion.free,
         sight(markers, mesh) if mesh is not None and look.occlusion else None, None, options,
     )  # fmt: skip
-    return Loaded(project, test, mesh, stations, tuple(remarks))
+    places = () if mesh is None else lists_on_grid(project.points, lengths, mesh)
+    return Loaded(project, test, mesh, stations, tuple(remarks), places=places)
 
 
 def _check_place(project: DeformProject, own: Array, stations: Stations) -> None:

@@ -12,7 +12,7 @@ from windmark import resection
 from windmark.deformation import Deformation, bound_vertices
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.pictures import read
-from windmark.pipeline.points import PointSet, on_grid, read_lists
+from windmark.pipeline.points import PointSet
 from windmark.resection import Picture, PointValues
 from windmark.resection.sources import prepare
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
@@ -67,8 +67,7 @@ class PointMapper:
         self._black = 0.0 if how is None else how.black
         self._oblique = OBLIQUITY_DEG if how is None else how.max_obliquity_deg
         self._interpolation = INTERPOLATION if how is None else how.interpolation
-        lists = read_lists(project.points, project.lengths)
-        self.sets = [on_grid(entry, points, loaded.mesh) for entry, points in zip(project.points, lists, strict=True)]
+        self.sets = loaded.places
         self._off: dict[tuple[str, str], _Off] = {}
 
     def reference(self, frames: Sequence[tuple[DeformedFrame, FrameImages]]) -> None:

@@ -23,7 +23,7 @@ from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.infrared.project import InfraredProject
 from windmark.pipeline.infrared.sensors import ThermalSensor, read_sensor
 from windmark.pipeline.infrared.times import frame_times
-from windmark.pipeline.points import PointSet, on_grid, read_lists
+from windmark.pipeline.points import PointSet, lists_on_grid
 from windmark.scene import Mesh
 from windmark.scene.units import IN_MM
 from windmark.tasks.infrared import SurfaceLight
@@ -105,14 +105,13 @@ def _load(project: InfraredProject) -> InfraredRun:
     if project.heat is not None and project.heat.curvature:
         curvature = curvature_sum(mesh) / (1e-3 * IN_MM[project.length_unit])
     lengths = project.lengths
-    points = [on_grid(entry, part, mesh) for entry, part in
-              zip(project.points, read_lists(project.points, lengths), strict=True)]  # fmt: skip
+    points = lists_on_grid(project.points, lengths, mesh)
     remarks = [*deforming.remarks, *timeline.remarks, *said]
     remarks += [f"camera {c.name}: no even pictures are given: unequal pixels are not corrected, nor in any sigma"
                 for c in project.camera if not c.even]  # fmt: skip
     return InfraredRun(
         project, deforming, mesh, timeline, times, table, sensors, _surface(project),
-        _patches(project, deforming, mesh), walls, wall_of, curvature, tuple(points), tuple(remarks),
+        _patches(project, deforming, mesh), walls, wall_of, curvature, points, tuple(remarks),
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from windmark.paint import NodeField, interpolated
 from windmark.pipeline.infrared.flux import FrameFields
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.record import REDUCED, FrameRecord
-from windmark.pipeline.points import PointSet
+from windmark.pipeline.points import PointSet, without_value
 from windmark.scene import Mesh
 from windmark.tasks.infrared import FLAGS, flag_words
 
@@ -103,6 +103,12 @@ class PointHistories:
             off = np.all(weights <= 0, axis=1).tolist()
             words = ["outside the grid" if o else w for o, w in zip(off, words, strict=True)]
             self.rows[of.name].append((record.key, record.time_s, np.stack(columns, axis=1), words))
+
+    def valueless(self) -> list[str]:
+        """What is to be said of lists that have no temperature in any frame; of those off the grid that is known."""
+        every = [(of, [values[:, 0] for _, _, values, _ in self.rows[of.name]]) for of in self._run.points]
+        return [without_value(of, "no frame has a temperature there") for of, seen in every
+                if seen and not of.far.all() and not np.isfinite(seen).any()]  # fmt: skip
 
     def write(self, folder: Path) -> None:
         """``points-NAME.csv``: a row per frame and point."""

@@ -36,14 +36,17 @@ class TableEntry(Strict):
     """The run/point table, CSV: a row per point, see `points.read_points_table`.
 
     ``alpha_at_rest_deg``: the incidence of the model as markers and grid have it, in the frame of the cameras' poses.
-    ``max_alpha_error_deg``: how far the incidence that the pictures show may be from the table's; it tells rows that
-    were exchanged.
+    ``beta_at_rest_deg``: its sideslip there, positive with wind from starboard: that of the cameras' frame, where its x
+    is not along the wind.
+    ``max_alpha_error_deg``: how far incidence and sideslip that the pictures show may be from the table's; it tells
+    rows that were exchanged.
 
     ``table``: the file.
     """
 
     table: Path
     alpha_at_rest_deg: Finite = 0.0
+    beta_at_rest_deg: Finite = 0.0
     max_alpha_error_deg: Positive = 0.5
 
 
@@ -243,8 +246,8 @@ class LoadsEntry(Strict):
 
     ``least_seen``: part of a volume's seen side that must have values.
 
-    ``area``: reference area. ``chord``: reference chord. ``span``: reference span. ``moment_point``: about which
-    moments are.
+    ``area``: reference area. ``chord``: reference chord. ``span``: reference span, by which Cl and Cn are; without it
+    they are by the chord, as Cm is. ``moment_point``: about which moments are.
     """
 
     area: Positive
@@ -252,6 +255,18 @@ class LoadsEntry(Strict):
     span: Positive | None = None
     moment_point: Vector = (0.0, 0.0, 0.0)
     least_seen: Annotated[float, Field(ge=0, le=1)] = 0.5
+
+    @property
+    def span_used(self) -> float:
+        """The length that Cl and Cn are by."""
+        return self.span or self.chord
+
+    def record(self) -> dict[str, object]:
+        """What the coefficients are by, in words for who reads them later."""
+        return {
+            "area": self.area, "chord": self.chord, "span": self.span_used, "moment_point": list(self.moment_point),
+            "Cl_and_Cn_by": "span" if self.span else "chord",
+        }  # fmt: skip
 
 
 class SectionEntry(Strict):

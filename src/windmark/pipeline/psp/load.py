@@ -17,12 +17,13 @@ from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.points import PointSet, on_grid, read_lists
+from windmark.pipeline.points import PointSet, lists_on_grid
 from windmark.pipeline.psp.calibration import PaintCalibration, read_calibration, read_temperature_calibration
 from windmark.pipeline.psp.cell import calibrate_paint, read_cell
 from windmark.pipeline.psp.offs import by_incidence, by_run, read_references, run_remarks
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.sensors import CameraSensor, read_sensor
+from windmark.pipeline.psp.strangers import strangers
 from windmark.pipeline.psp.stream import constants_of
 from windmark.pipeline.psp.table import PointRow, SensorTable, read_points_table, read_sensors
 from windmark.pipeline.results import FramedView
@@ -108,26 +109,25 @@ def _load(project: PspProject) -> PspTest:
     if project.taps is not None:
         taps = lengths.points(project.taps.file, project.taps.roles, strict=True)
         pressures = read_sensors(project.taps.pressures, "pressure", project.taps.sigma or TAP_SIGMA_Pa)
-        remarks += _strangers(pressures, taps)
+        remarks += strangers(pressures, taps, [row.name for row in rows])
     warm = project.temperature
     if warm.thermocouples is not None and warm.readings is not None:
         wells = lengths.points(warm.thermocouples, strict=True)
         readings = read_sensors(warm.readings, "temperature", WELL_SIGMA_K)
-        remarks += _strangers(readings, wells)
+        remarks += strangers(readings, wells, [row.name for row in rows])
     if not project.lamp and not all("reference" in row.channels for row in rows):
         remarks.append("no [[lamp]] is given: light that changes because the model moves in it is neither corrected "
                        "nor in any sigma")  # fmt: skip
     if project.self_illumination is None:
         remarks += left_words(deforming.mesh)
     polygons = () if project.patches.polygons is None else read_polygons(project.patches.polygons, lengths)
-    places = [on_grid(entry, part, deforming.mesh) for entry, part in
-              zip(project.place, read_lists(project.place, lengths), strict=True)]  # fmt: skip
+    places = lists_on_grid(project.place, lengths, deforming.mesh)
     lamps = tuple(Lamp(lamp.position, lamp.power) for lamp in project.lamp)
     return PspTest(
         project, deforming, deforming.mesh, rows, paint, sensors, taps, pressures, wells, readings, lamps,
         None if warm.paint is None else read_temperature_calibration(warm.paint), polygons,
         _reflecting(project, deforming.mesh), tuple(remarks), frame_views(project, deforming.mesh),
-        tuple(places),
+        places,
     )  # fmt: skip
 
 
@@ -213,11 +213,3 @@ def read_polygons(path: Path, lengths: Lengths) -> tuple[Array, ...]:
             raise io.FileError(path, what, "name")
         out.append(corners)
     return tuple(out)
-
-
-def _strangers(table: SensorTable, places: io.PointList) -> list[str]:
-    """Sensors with readings that have no place."""
-    known = set(places.name.tolist())
-    lost = sorted({n for own in table.of.values() for n in own} - known)
-    some = ", ".join(lost[:5]) + (", ..." if len(lost) > 5 else "")
-    return [f"{table.path}: {len(lost)} sensors have readings but no place: {some}"] if lost else []

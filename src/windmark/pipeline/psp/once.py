@@ -24,12 +24,13 @@ class Once:
     Attributes
     ----------
     remarks : what is to be said of copies
+    pictures : content -> kind, name and camera of every picture so far; of dark and flat ones the kind is ""
     """
 
     def __init__(self, sensors: Mapping[str, CameraSensor]) -> None:
-        self._known: dict[bytes, tuple[str, str, str]] = {}
+        self.pictures: dict[bytes, tuple[str, str, str]] = {}
         for camera, sensor in sensors.items():
-            self._known |= {content: ("", name, camera) for content, name in sensor.contents.items()}
+            self.pictures |= {content: ("", name, camera) for content, name in sensor.contents.items()}
         self.remarks: list[str] = []
         self._stored = SameBits()
 
@@ -50,7 +51,7 @@ class Once:
             for picture in own:
                 words = said(kind, camera, picture)
                 there = (kind, picture.name, camera)
-                before = there if picture.image is None else self._known.setdefault(picture.content, there)
+                before = there if picture.image is None else self.pictures.setdefault(picture.content, there)
                 if before[::2] != there[::2]:
                     both.append(f"{words} is {' picture '.join(w for w in before[:2] if w)} of {before[2]}")
                 elif before is not there:

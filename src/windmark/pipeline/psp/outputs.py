@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.paint import SECTION_LOADS, LoadReference
+from windmark.paint import SECTION_LOADS
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.places import place_columns
 from windmark.pipeline.psp.point import PointOutcome
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.record import PointRecord, load_columns
 from windmark.resection import PixelMap, map_pixels
-from windmark.tasks.psp import PointTask, ReducedPoint, section_loads
+from windmark.tasks.psp import ReducedPoint
 
 Array = NDArray[np.float64]
 
@@ -43,26 +43,26 @@ def write_point(folder: Path, test: PspTest, done: PointOutcome, record: PointRe
     if "plot3d" in project.output.grid and mesh.blocks:
         io.write_plot3d_function(place / "fields.f", mesh, fields, units=units, layout=_layout(project))
     write_views(place, test, reduced)
-    write_span(place, test, reduced, done.task)
+    write_span(place, reduced)
     for of in test.places:
         io.write_table(place / f"points-{of.name}.csv", place_columns(of, test.mesh, reduced))
     write_tables(place, record)
 
 
-def write_span(place: Path, test: PspTest, reduced: ReducedPoint, task: PointTask) -> None:
+def write_span(place: Path, reduced: ReducedPoint) -> None:
     """``span.csv``: normal force, axial force and moment of every section, see `tasks.psp.section_loads`."""
-    axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
-    found = section_loads(test.mesh, reduced.cp, task.sections, axes, seen=reduced.ratio.known)
+    found = reduced.section_loads
     if not found:
         return
-    of = [loads for _, loads in found]
+    of = [s.loads for s in found]
     columns: dict[str, NDArray] = {
-        "section": np.array([name for name, _ in found]), "station": np.concatenate([s.station for s in of]),
+        "section": np.array([s.name for s in found]), "station": np.concatenate([s.station for s in of]),
         "chord": np.concatenate([s.chord for s in of]),
     }  # fmt: skip
     for k, name in enumerate(SECTION_LOADS):
         columns |= {name: np.array([s.value[0, k] for s in of]), f"sigma_{name}": np.array([s.sigma[0, k] for s in of])}
-    io.write_table(place / "span.csv", {**columns, "unseen": np.concatenate([s.unseen for s in of])})
+    columns["unseen"] = np.concatenate([s.unseen for s in of])
+    io.write_table(place / "span.csv", {**columns, "shown": np.array([s.shown for s in found])})
 
 
 def write_views(place: Path, test: PspTest, reduced: ReducedPoint) -> None:
@@ -134,6 +134,7 @@ def write_all(folder: Path, test: PspTest, records: Sequence[PointRecord]) -> No
         "alpha_deg": np.array([r.alpha_deg for r in records]),
         "status": np.array([r.status for r in records], dtype=np.str_),
         "alpha_seen_deg": np.array([r.alpha_seen_deg for r in records]),
+        "beta_seen_deg": np.array([r.beta_seen_deg for r in records]),
         "rms_px": np.array([r.rms_px for r in records]),
         "pictures_on": np.array([r.pictures_used[0] for r in records]),
         "pictures_off": np.array([r.pictures_used[1] for r in records]),

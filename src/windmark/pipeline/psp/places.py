@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.pipeline.points import PointSet, places
+from windmark.pipeline.points import PointSet, places, without_value
 from windmark.scene import Mesh
 from windmark.tasks.psp import EITHER_SIDE, OFF_GRID, UNSEEN, ReducedPoint, field_at
 
@@ -14,6 +16,17 @@ FILLED = "filled from its surroundings"
 """Why a place has no value; and what is to be said of one."""
 FIELDS = {"cp": "", "pressure": "_Pa", "temperature": "_K", "ratio": ""}
 """Of `ReducedPoint`, with the ending of their columns."""
+
+
+def without_places(sets: Sequence[PointSet], rest: Mesh, reduced: ReducedPoint) -> list[str]:
+    """What is to be said of lists that have no Cp at any of their places, by what most of them lack."""
+    out = []
+    for of in sets:
+        columns = place_columns(of, rest, reduced)
+        if not of.far.all() and not np.isfinite(columns["cp"]).any():
+            words, count = np.unique(columns["remark"], return_counts=True)
+            out.append(without_value(of, f"{words[count.argmax()]}"))
+    return out
 
 
 def place_columns(of: PointSet, rest: Mesh, reduced: ReducedPoint) -> dict[str, NDArray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,11 @@ from windmark import io
 from windmark.compiling import working_time
 from windmark.errors import DataError, WindmarkError, g2, g3
 from windmark.paint import LoadReference, TunnelConditions, TunnelGain
-from windmark.pipeline.psp.incidence import at_incidence, of_one_state
+from windmark.pipeline.psp.incidence import at_incidence, of_one_state, unsaid_sideslip
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
+from windmark.pipeline.psp.places import without_places
 from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable, reference_kind
 from windmark.pipeline.psp.wall import steady_of, wall_of
 from windmark.tasks.psp import (
@@ -44,18 +45,19 @@ class PointOutcome:
     Parameters
     ----------
     reduced : what came of it
-    alpha_seen_deg : the incidence that the wind-on pictures show
+    alpha_seen_deg, beta_seen_deg : incidence and sideslip that the wind-on pictures show
     on, off : the pictures
     seconds : for each stage
-    task : what was known besides the pictures
+    pictures : content of each of its pictures -> kind, name, camera
     """
 
     reduced: ReducedPoint
     alpha_seen_deg: float
+    beta_seen_deg: float
     on: Found
     off: Found
     seconds: Mapping[str, float]
-    task: PointTask
+    pictures: Mapping[bytes, tuple[str, str, str]] = field(default_factory=dict)
 
 
 def run_point(test: PspTest, row: PointRow) -> PointOutcome:
@@ -75,7 +77,8 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     clock.lap("read")
     on = the_model_in(test, WIND_ON, raw)
     clock.lap("find the model")
-    on, alpha = at_incidence(test.project.points, row.alpha_deg, on)
+    on, seen = at_incidence(test.project.points, row.alpha_deg, on, beta_deg=row.beta_deg)
+    on = of_one_state(test.project.points, on, WIND_ON)
     off = References(test, row, once)
     ratio = _ratio(test, on, off)
     clock.lap("reference, ratio on the model")
@@ -89,6 +92,8 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady)
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
     said = [*row.remarks, *once.remarks, *wall.remarks, *about]
+    said += without_places(test.places, test.mesh, reduced)
+    said += unsaid_sideslip(test.project.points, row.beta_deg, seen[1])
     if not np.isfinite(stream.mach):
         said.append(f"no Mach number is given to test the pressures by: p_inf and q_inf are those of Mach "
                     f"{g3(mach_of(stream))}")  # fmt: skip
@@ -99,7 +104,8 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
         said.append(str(ratio.self_lit))
     reduced = replace(reduced, remarks=(*reduced.remarks, *said))
     clock.lap("pressure and loads")
-    return PointOutcome(reduced, alpha, on, off.found, clock.laps, task)
+    return PointOutcome(reduced, *seen, on, off.found, clock.laps,
+                        {content: of for content, of in once.pictures.items() if of[0]})  # fmt: skip
 
 
 def _ratio(test: PspTest, on: Found, off: References) -> MergedRatio:
@@ -160,7 +166,7 @@ def channel_ratio(test: PspTest, row: PointRow, name: str, once: Once) -> Merged
             raise DataError(f"the table of points names {name} pictures, but none {kind} (line {row.line})")
     kind = f"{WIND_ON} {name}"
     on = the_model_in(test, kind, read_pictures(test, kind, row.channels[name][0], once))
-    on, _ = at_incidence(test.project.points, row.alpha_deg, on)
+    on, _ = at_incidence(test.project.points, row.alpha_deg, on, beta_deg=row.beta_deg)
     return _ratio(test, on, References(test, row, once, name))
 
 
@@ -205,7 +211,7 @@ def point_task(test: PspTest, row: PointRow, stream: TunnelConditions) -> PointT
     project = test.project
     warm, loads = project.temperature, project.loads
     reference = None if loads is None else LoadReference(
-        loads.area, loads.chord, loads.span or loads.chord, np.array(loads.moment_point), row.alpha_deg,
+        loads.area, loads.chord, loads.span_used, np.array(loads.moment_point), row.alpha_deg,
         float(np.nan_to_num(row.beta_deg)),
     )  # fmt: skip
     return PointTask(

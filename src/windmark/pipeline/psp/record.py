@@ -22,7 +22,7 @@ REDUCED, FAILED = "reduced", "failed"
 
 @dataclass(frozen=True, eq=False)
 class SectionRecord:
-    """Cp along a cut, see `SurfaceSection`; (K,) taps in it that count: x / c, Cp and sigma."""
+    """Cp along a cut, see `SurfaceSection`; (K,) taps in it that count: x / c, Cp and sigma; why it has no loads."""
 
     name: str
     xyz: Array
@@ -34,6 +34,7 @@ class SectionRecord:
     tap_x_c: Array
     tap_cp: Array
     tap_sigma: Array
+    why: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ class PointRecord:
     pictures : camera and kind -> names, sizes and checksums of its pictures
     status, reason : `REDUCED`; or `FAILED`, and why
     remarks : what is to be said of it
-    alpha_seen_deg : the incidence that the pictures show
+    alpha_seen_deg, beta_seen_deg : incidence and sideslip that the pictures show
     rms_px : median residual of the registrations
     pictures_used : wind-on and wind-off pictures that count
     seen : part of the grid's nodes with a Cp
@@ -55,6 +56,7 @@ class PointRecord:
     apart : of each two cameras, see `CamerasApart`
     scatter : of the pictures of each camera and kind
     several : what tells that pictures of several states are named, in words
+    taken : content of each of its pictures, see `same_picture.content_of` -> kind, name, camera
     fit : figures of the fit to the taps, empty without one
     loads : volume -> coefficient -> value and sigma
     shown : volume -> part of its area that is on a side that cameras show: loads are those of this part
@@ -88,6 +90,8 @@ class PointRecord:
     scatter: tuple[Scatter, ...] = ()
     several: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
+    taken: Mapping[bytes, tuple[str, str, str]] = field(default_factory=dict)
+    beta_seen_deg: float = float("nan")
 
     @property
     def key(self) -> str:
@@ -111,6 +115,7 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         loads = {name: reduced.loads.row(name) for name in reduced.loads.names}
         causes["CL"] = reduced.loads.dominant("all", "CL")
         troubles += reduced.loads.warnings
+    without = {s.name: s.why for s in reduced.section_loads}
     counts = tuple(sum(name not in reduced.merged.left_out for name in found.names) for found in (done.on, done.off))
     return PointRecord(
         row.name, row.alpha_deg, pictures, REDUCED, "", (*reduced.remarks, *troubles), done.alpha_seen_deg,
@@ -119,18 +124,19 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         float(np.median(reduced.cp.sigma[known])), reduced.merged.flicker, reduced.merged.systematic,
         _fit(reduced.in_situ), loads, shown_areas(reduced.mesh, reduced.ratio.known), causes,
         reduced.taps,
-        tuple(_section(s, reduced.taps) for s in reduced.sections),
+        tuple(_section(s, reduced.taps, without) for s in reduced.sections),
         (*done.on.followed, *done.off.followed), reduced.merged.apart,
         reduced.merged.scatter, (*done.on.several, *done.off.several),
-        dict(done.seconds),
+        dict(done.seconds), dict(done.pictures), done.beta_seen_deg,
     )  # fmt: skip
 
 
-def _section(s: SurfaceSection, taps: TapTable | None) -> SectionRecord:
+def _section(s: SurfaceSection, taps: TapTable | None, without: Mapping[str, str]) -> SectionRecord:
     at = np.array([k for k in s.taps if taps is not None and not taps.words[k]], dtype=int)
     cp, sigma = (np.zeros(0), np.zeros(0)) if taps is None else (taps.cp[at], taps.cp_sigma[at])
     p, x_c = s.profile, s.tap_x_c[np.isin(s.taps, at)]
-    return SectionRecord(s.name, p.xyz, p.x_c, p.upper, p.cp.value, p.cp.sigma, p.line, x_c, cp, sigma)
+    return SectionRecord(s.name, p.xyz, p.x_c, p.upper, p.cp.value, p.cp.sigma, p.line, x_c, cp, sigma,
+                         without.get(s.name, ""))  # fmt: skip
 
 
 def _fit(fit: InSitu | None) -> dict[str, float]:

@@ -67,6 +67,17 @@ def _in_base(key: str, value: float) -> tuple[str, float]:
                      f"of temperature {', '.join(TEMPERATURE)}")  # fmt: skip
 
 
+def differs(key: str, counts: float, other: float, part: float = DIFFERS) -> bool:
+    """Whether two that say a quantity of `KEYS` differ, by ``part`` of it or by an angle; not where one is missing."""
+    return abs(other - counts) > (DIFFERS_DEG if key.endswith("_deg") else part * abs(counts))
+
+
+def in_words(key: str, value: float | None = None) -> str:
+    """A quantity of `KEYS` as tables call it; with a value its number and unit alone."""
+    name, unit = _WORDS[key]
+    return name if value is None else f"{value:g} {unit}".rstrip()
+
+
 def joined(said: Sequence[tuple[str, Mapping[str, float]]]) -> tuple[dict[str, float], tuple[str, ...]]:
     """What is known of the stream by who says it, the first one that does counts; and where another contradicts it.
 
@@ -82,8 +93,6 @@ def joined(said: Sequence[tuple[str, Mapping[str, float]]]) -> tuple[dict[str, f
             continue
         (first, counts), *others = by
         out[key] = counts
-        least = DIFFERS_DEG if key.endswith("_deg") else DIFFERS * abs(counts)
-        what, unit = _WORDS[key]
-        words += [f"{what} is {counts:g} {unit}".rstrip() + f" by {first}, which counts, and {value:g} {unit}".rstrip()
-                  + f" by {who}" for who, value in others if abs(value - counts) > least]  # fmt: skip
+        words += [f"{in_words(key)} is {in_words(key, counts)} by {first}, which counts, and {in_words(key, value)} "
+                  f"by {who}" for who, value in others if differs(key, counts, value)]  # fmt: skip
     return out, tuple(words)

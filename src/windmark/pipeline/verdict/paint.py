@@ -9,16 +9,20 @@ import numpy as np
 
 from windmark.errors import g2, g3
 from windmark.paint.well_tests import DOUBTED
-from windmark.pipeline.likely_unit import model_box
+from windmark.pipeline.alike import alike
+from windmark.pipeline.alike import listed as listed_of
 from windmark.pipeline.psp import PointRecord
-from windmark.pipeline.psp.incidence import listed
+from windmark.pipeline.psp.incidence import SIDESLIP, listed
 from windmark.pipeline.psp.response import QUIET, OddResponse
+from windmark.pipeline.psp.shared import shared_pictures
+from windmark.pipeline.psp.strangers import OF_NO_POINT
+from windmark.pipeline.psp.table import PointRow
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
-from windmark.scene import Mesh
+from windmark.pipeline.verdict.wanted import valueless_findings
 from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING
 
 
@@ -31,7 +35,7 @@ def psp_verdict(
 ) -> Verdict:
     """Judge a paint test; ``unit`` is that of lengths, ``sections`` the names of those that were asked for.
 
-    ``further``: what is found in the project and not in a point, see `black_findings` and `reference_findings`.
+    ``further``: what is found in the project and not in a point, see `black_findings` and `lengths.reference_findings`.
 
     ``units`` of `grid_findings` explain why no point came out, or are doubts.
     """
@@ -82,6 +86,11 @@ def _missing(r: PointRecord, sections: Sequence[str]) -> Iterator[Finding]:
         one = f"section {lacks[0]}"
         words = next((said for said in r.remarks if said.startswith(f"{one}: ")), one)
         yield Finding(DOUBTFUL, "lost", f"left out: {words}", "correct it in the project, or take it out")
+    if without := alike((s.name, s.why) for s in r.sections if s.why):
+        words = "; ".join(f"{listed_of('section', names)}: {why}" for why, names in without.items())
+        step = "see point and normal in the project, in its length unit, and the map of what has a Cp; or take it out"
+        yield Finding(DOUBTFUL, "lost", f"no loads of {words}", step)
+    yield from valueless_findings(r.remarks)
     refused = next((said for said in r.remarks if said.startswith("no loads: ")), "")
     if refused:
         step = "see the reason: correct grid or project, or take the loads out of the project"
@@ -103,6 +112,10 @@ def _states(r: PointRecord) -> Iterator[Finding]:
     step = "see that the patterns of the point's pictures name those of this point alone"
     for words in r.several:
         yield Finding(DOUBTFUL, "picture", words, step)
+    for words in (said for said in r.remarks if said.startswith(SIDESLIP) and r.loads):
+        say = "say beta_deg in the table of points or in [conditions] (wind from starboard is positive); or "
+        say += "points.beta_at_rest_deg, where the cameras' frame is not along the wind"
+        yield Finding(DOUBTFUL, "picture", words, say)
     odd = [s for s in r.scatter if s.times > rules.SCATTER_TIMES and s.part > rules.SCATTER]
     if odd:
         worst = max(odd, key=lambda s: s.part)
@@ -188,6 +201,18 @@ def _light(r: PointRecord) -> Iterator[Finding]:
         )
 
 
+def shared_findings(records: Sequence[PointRecord], rows: Sequence[PointRow]) -> list[Finding]:
+    """Pictures that several points have, where their rows contradict each other: one point is not what it is said."""
+    step = "give each point its own pictures (on, off in the table of points), or correct its conditions"
+    return [Finding(DOUBTFUL, "picture", words, step, point) for point, words in shared_pictures(records, rows)]
+
+
+def stranger_findings(remarks: Sequence[str]) -> list[Finding]:
+    """Readings under names that no point has, of points that have none: they do not count."""
+    step = "call the points in the readings as in the table of points, letter by letter"
+    return [Finding(DOUBTFUL, "file", words, step) for words in remarks if OF_NO_POINT in words]
+
+
 def black_findings(cameras: Sequence[str]) -> list[Finding]:
     """Of cameras of which nothing says the level without light."""
     if not cameras:
@@ -217,50 +242,4 @@ def response_findings(odd: Mapping[str, OddResponse | None]) -> list[Finding]:
         said = f"the noise of wind-off pictures of {camera} does not grow from that of the dark ones as light's does"
         step += "save pictures as the sensor has them, or give radiometry.linearity; see that nothing moved meanwhile"
         found.append(Finding(DOUBTFUL, "noise", f"{said}: {words}. Cp is wrong by it, and no sigma has it", step))
-    return found
-
-
-def reference_findings(mesh: Mesh, area: float, chord: float, unit: str) -> list[Finding]:
-    """Reference area and chord of the loads in another unit than the grid's, by the size of the model.
-
-    An area or a chord of exactly 1 is asked for by who wants loads over the dynamic pressure: it is none.
-    """
-    low, high = model_box(mesh)
-    sides = np.sort(high - low)
-    found = []
-    for what, value, own, within, power in (
-        ("area", area, float(sides[1] * sides[2]), rules.REFERENCE_AREA, "²"),
-        ("chord", chord, float(sides[2]), rules.REFERENCE_CHORD, ""),
-    ):
-        if value != 1 and not within[0] * own < value < within[1] * own:
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "units",
-                    f"loads.{what} is {value:.4g} {unit}{power}, the model's own is some {g2(own)} {unit}{power}",
-                    f"give loads.{what} in {unit}{power}",
-                )
-            )
-    return found
-
-
-def lamp_findings(mesh: Mesh, lamps: Sequence[Sequence[float]], unit: str) -> list[Finding]:
-    """Lamps that stand where none can: at the model, or so far away that their places are of another unit."""
-    low, high = model_box(mesh)
-    size = float(np.linalg.norm(high - low))
-    nodes = mesh.vertices[mesh.used]
-    nodes = nodes[((nodes >= low) & (nodes <= high)).all(axis=1)]
-    found = []
-    for k, lamp in enumerate(lamps):
-        near = float(np.linalg.norm(nodes - np.asarray(lamp, dtype=float), axis=1).min())
-        if not rules.LAMP[0] * size < near < rules.LAMP[1] * size:
-            found.append(
-                Finding(
-                    DOUBTFUL,
-                    "units",
-                    f"lamp {k + 1} stands {g3(near)} {unit} from a model of {g3(size)} {unit}: the light that is taken "
-                    "from it is no lamp's",
-                    f"give lamp.position in {unit}, in the frame of markers and grid",
-                )
-            )
     return found

@@ -16,7 +16,9 @@ _STEPS = {
     "moved": "find the cameras' places anew (windmark calibrate), and see that each has its own file",
     "discs": "check radii (not diameters, same unit) and normals of the table",
     "mirrored": "mirror the picture, or check the sign of the table's axes",
-    "rows": "give each row of the table of points its own pictures; else see points.alpha_at_rest_deg and the laws",
+    "sign": "turn the sign of beta_deg in the table of points; where it is right, see the cameras' frame",
+    "rows": "give each row of the table of points its own pictures; else see points.alpha_at_rest_deg or "
+    "beta_at_rest_deg and the laws",
     "units": "correct the unit, the cell or the pictures that are named",
     "saturated": "expose shorter or dim the lamps",
     "film": "copy the film from the camera again; where the camera lost pictures, record each by itself",
@@ -28,6 +30,7 @@ REASONS: tuple[tuple[str, str, str], ...] = (
     (EXCHANGED, "moved", _STEPS["exchanged"]),
     *((words, "moved", _STEPS["moved"]) for words in MOVED),
     ("are radii and normals right", "discs", _STEPS["discs"]),
+    ("its sign is the other one", "lost", _STEPS["sign"]),
     ("rows and pictures were exchanged", "lost", _STEPS["rows"]),
     ("are mixed, or", "units", _STEPS["units"]),
     (SIGMAS_OFF, "units", "give the markers' sigma in the unit of their places, 1 sigma of each coordinate"),

@@ -70,6 +70,21 @@ REFERENCE_AREA = (0.02, 5.0)
 """Of the two larger sides of the model's box: reference areas lie far within, and another unit changes them by 100."""
 REFERENCE_CHORD = (0.003, 3.0)
 """Of the largest side of the model's box."""
+REFERENCE_SPAN = (0.01, 10.0)
+"""The same of the span: a missile's is its diameter, a half model's twice what the grid has of it."""
+REFERENCE_AREA_TIMES = 10.0
+"""A reference area over chord times span: at most about 1, less for half models and where the chord is a body's length;
+the nearest two units, of one of the three, make 25 of it."""
+MOMENT_POINT = (5e-4, 10.0)
+"""Distance of the moment point from the origin, of the model's size, below which it is meant to be the origin (Cm does
+not tell it from that), and from the model, beyond which it is none of this model's."""
+MOMENT_AWAY = 0.01
+"""The same in another unit, in which it is a place of the model that is not the origin."""
+WALL_LENGTH = 1e-3
+"""Of the model's size, over which no wall conducts so little that its temperature is another one."""
+OTHER_UNIT = 100.0
+"""Times by which a unit is larger from which numbers that are right in it are next to nothing in the other one: they
+tell it by themselves, inches or centimetres in a project in millimetres do not."""
 LAMP = (0.25, 100.0)
 """Distance of a lamp from the model, of the model's size: nearer it lights a part of it, farther it is the sun."""
 TEMPERATURE = 0.02

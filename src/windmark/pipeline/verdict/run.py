@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from windmark.errors import g3
 from windmark.paint.cameras import cameras_apart
-from windmark.pipeline.points import PointTable
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
 from windmark.pipeline.verdict.given import NOTHING_MATCHED, empty_lists, given_pose
 from windmark.pipeline.verdict.grid import grid_findings
+from windmark.pipeline.verdict.lengths import section_findings
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, picture_state
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import Sighting, registered_findings, spot_px, what_is_left
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
+from windmark.pipeline.verdict.wanted import far_findings
 from windmark.resection import MergedViews, NotMerged
 from windmark.scene import MarkerSet
 
@@ -32,6 +32,8 @@ def run_verdict(result: RunResult) -> Verdict:
         tried = [item for item in result.images if item.registration is not None]
         none = bool(tried) and all(item.registered is None for item in tried)
         found += [replace(f, word=BAD) for f in beside] if none else beside
+    if result.mesh is not None:
+        found += section_findings(result.mesh, result.project.section, result.project.length_unit)
     found += [_missing(said).at(item.name) for item in result.images for said in item.left_out]
     found += [_missing(said) for said in result.lost_views]
     for group in result.merged:
@@ -111,7 +113,7 @@ def _image(item: ImageResult, result: RunResult) -> list[Finding]:
     found = [] if state is None else picture_findings(state)
     found += given_pose(item)
     unit = result.project.length_unit
-    found += [_far(table, unit) for table in item.points if table.of.far.mean() > rules.FAR_POINTS]
+    found += far_findings([table.of for table in item.points], unit)
     if item.registration is not None and item.detections is not None and result.markers is not None:
         found += registered_findings(_sighting(item, result, result.markers))
     elif item.problem and item.detections is not None and item.registration is None:
@@ -123,13 +125,6 @@ def _image(item: ImageResult, result: RunResult) -> list[Finding]:
     if item.problem and all(f.word != BAD for f in found):
         found.append(_file(item.problem))
     return found
-
-
-def _far(table: PointTable, unit: str) -> Finding:
-    """Points that are not on the surface."""
-    far, limit = table.of.far, f"{g3(table.of.limit)} {unit}"
-    said = f"{int(far.sum())} of {len(far)} points of {table.of.name} are farther than {limit} from the grid"
-    return Finding(DOUBTFUL, "units", said, "check unit and frame of the list of points, and the side of its normals")
 
 
 def _file(problem: str) -> Finding:

@@ -1,7 +1,7 @@
 """A paint test, point by point: pictures with poses and deformations to the ratio on the model, pressure and loads."""
 
 from windmark.tasks.psp.channels import as_one_cause, two_colours
-from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections, section_loads
+from windmark.tasks.psp.cuts import SectionLoads, SectionWanted, SurfaceSection, cut_sections, section_loads
 from windmark.tasks.psp.lamps import Lamp
 from windmark.tasks.psp.levels import BadPicture, Reference
 from windmark.tasks.psp.loads import UNSEEN_SIDE, seen_loads, seen_sides, shown_areas
@@ -15,8 +15,8 @@ from windmark.tasks.psp.taps import EITHER_SIDE, OFF_GRID, UNSEEN, Readings, Tap
 
 __all__ = [
     "BadPicture", "CameraRatio", "Change", "EITHER_SIDE", "Lamp", "MergedRatio", "ModelPicture", "OFF_GRID", "Patches",
-    "PointTask", "Readings", "ReducedPoint", "Reference", "Reflecting", "Sampling", "Scatter", "SectionWanted",
-    "SurfaceSection", "TapTable", "UNSEEN", "UNSEEN_SIDE",
+    "PointTask", "Readings", "ReducedPoint", "Reference", "Reflecting", "Sampling", "Scatter", "SectionLoads",
+    "SectionWanted", "SurfaceSection", "TapTable", "UNSEEN", "UNSEEN_SIDE",
     "as_one_cause", "cut_sections", "field_at", "left_words", "mach_of", "moved_grid", "no_patches",
     "ratio_of", "reduce_point", "sample_picture", "section_loads", "seen_loads", "seen_sides", "shown_areas",
     "two_colours",

@@ -23,7 +23,7 @@ from windmark.paint import (
     varying,
 )
 from windmark.scene import Mesh
-from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
+from windmark.tasks.psp.cuts import SectionLoads, SectionWanted, SurfaceSection, cut_sections, part_words, section_loads
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
 from windmark.tasks.psp.loads import seen_loads
 from windmark.tasks.psp.patching import patched
@@ -106,6 +106,7 @@ class ReducedPoint:
     loads : of the seen side; None where none were wanted, or ``remarks`` say why
     sections : Cp along cuts
     remarks : what is to be said of the point
+    section_loads : of the same cuts
     """
 
     name: str
@@ -122,6 +123,7 @@ class ReducedPoint:
     loads: Loads | None
     sections: tuple[SurfaceSection, ...]
     remarks: tuple[str, ...] = ()
+    section_loads: tuple[SectionLoads, ...] = ()
 
 
 def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -> ReducedPoint:
@@ -163,12 +165,14 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
     taps_at = None if task.taps is None else task.taps.xyz
     sections = cut_sections(rest, cp, task.sections, axes, taps_at, remarks)
+    along = section_loads(rest, cp, task.sections, axes, seen=ratio.known)
+    remarks += part_words(along)
     loads = None
     if task.reference is not None:
         loads = seen_loads(mesh, cp, task.reference, task.least_seen, remarks, seen=ratio.known)
     return ReducedPoint(
         task.name, mesh, ratio, temperature, pressure, cp, prior.flags, filled, merged, fit, taps, loads, sections,
-        tuple(remarks),
+        tuple(remarks), along,
     )  # fmt: skip
 
 
