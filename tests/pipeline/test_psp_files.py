@@ -378,3 +378,17 @@ def test_names_of_points_that_no_folder_can_have_are_refused(tmp_path, names, wo
         read_points_table(written(tmp_path, "t.csv", HEAD, *(ROW.replace("a,", f"{n},", 1) for n in names)))
     good = [ROW.replace("a,", f"{n},", 1) for n in ("R12P03", "alpha 2.5", "p-1", "12")]
     assert len(read_points_table(written(tmp_path, "t.csv", HEAD, *good))) == 4
+
+
+@pytest.mark.parametrize(("cells", "words"), [
+    ("1,65000,0,99000,293,on.tif,off.tif,0", r"q_inf is 0 Pa: nothing has a Cp without wind.*\(line 3 of the table"),
+    ("1,65000,0,99000,293,on.tif,off.tif,0.8", "q_inf is 0 Pa: nothing has a Cp"),
+    ("1,65000,29000,99000,293,on.tif,off.tif,0", "Mach is 0: nothing has a Cp without wind"),
+    ("1,0,29000,99000,293,on.tif,off.tif,0.8", "p_inf is 0 Pa: expected an absolute pressure"),
+])  # fmt: skip
+def test_a_row_without_wind_is_refused_alone(tmp_path, cells, words):
+    good = "a,1,65000,29120,99000,293,on.tif,off.tif,0.8"
+    rows = read_points_table(written(tmp_path, "t.csv", f"{HEAD},mach", good, f"tare,{cells}"))
+    assert rows[0].conditions().q_inf == 29120
+    with pytest.raises(DataError, match=words):
+        rows[1].conditions()

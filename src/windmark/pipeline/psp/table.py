@@ -123,6 +123,7 @@ class PointRow:
         for what, value in needed.items():
             if not np.isfinite(value) and not (self.own and what == "p_off"):
                 raise DataError(f"{what} is missing in the table of points (line {self.line})")
+        self._check_wind()
         if np.isfinite(self.mach):
             by_mach = 0.7 * self.mach**2 * self.p_inf
             if not abs(by_mach / self.q_inf - 1) < MIXED:
@@ -134,6 +135,16 @@ class PointRow:
         return TunnelConditions(
             self.p_inf, self.q_inf, cov if cov.any() else None, mach=self.mach, t_0=self.t_0
         )  # fmt: skip
+
+    def _check_wind(self) -> None:
+        """Refuse what no stream has, a row without wind among it: Cp is a pressure over q_inf."""
+        where = f"(line {self.line} of the table of points)"
+        if self.p_inf <= 0:
+            raise DataError(f"p_inf is {self.p_inf:g} Pa: expected an absolute pressure, above 0 {where}")
+        for what, value, unit in (("q_inf", self.q_inf, " Pa"), ("Mach", self.mach, "")):
+            if value <= 0:
+                raise DataError(f"{what} is {value:g}{unit}: nothing has a Cp without wind; leave a tare point out of "
+                                f"the table, or correct the cell {where}")  # fmt: skip
 
 
 def reference_kind(colour: str, part: ReferencePart | None = None) -> str:
