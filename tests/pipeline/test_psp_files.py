@@ -392,3 +392,18 @@ def test_a_row_without_wind_is_refused_alone(tmp_path, cells, words):
     assert rows[0].conditions().q_inf == 29120
     with pytest.raises(DataError, match=words):
         rows[1].conditions()
+
+
+@pytest.mark.parametrize(("t_0", "t_off", "words"), [
+    ("29.0", "293", r"^T0 is 29 K, expected above 50 K: is it in the unit of its name\? \(line 3 of the table"),
+    ("302", "20", "^T_off is 20 K, expected above 50 K"),
+])  # fmt: skip
+def test_a_row_whose_temperature_is_in_another_unit_is_refused_alone(tmp_path, t_0, t_off, words):
+    head, cells = f"{HEAD},T0_K", "1,65000,29000,99000,{},on.tif,off.tif,{}"
+    given = {"a": ("293", "302"), "b": (t_off, t_0), "c": ("293", "")}
+    lines = [f"{name},{cells.format(*of)}" for name, of in given.items()]
+    rows = read_points_table(written(tmp_path, "t.csv", head, *lines))
+    assert rows[0].conditions().t_0 == 302
+    assert np.isnan(rows[2].conditions().t_0)
+    with pytest.raises(DataError, match=words):
+        rows[1].conditions()

@@ -124,6 +124,10 @@ class PointRow:
             if not np.isfinite(value) and not (self.own and what == "p_off"):
                 raise DataError(f"{what} is missing in the table of points (line {self.line})")
         self._check_wind()
+        for what, value in (("T0", self.t_0), ("T_off", self.t_off)):
+            if value <= FROZEN_K:
+                raise DataError(f"{what} is {value:g} K, expected above {FROZEN_K:g} K: is it in the unit of its "
+                                f"name? (line {self.line} of the table of points)")  # fmt: skip
         if np.isfinite(self.mach):
             by_mach = 0.7 * self.mach**2 * self.p_inf
             if not abs(by_mach / self.q_inf - 1) < MIXED:
