@@ -23,6 +23,7 @@ from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.paint import (
     black_findings,
+    flat_findings,
     lamp_findings,
     psp_verdict,
     reference_findings,
@@ -59,6 +60,8 @@ def psp(
         unit = test.project.length_unit
         further = black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given])
         further += response_findings({name: sensor.odd for name, sensor in test.sensors.items()})
+        further += flat_findings({name: sensor.flat_clipped for name, sensor in test.sensors.items()},
+                                 test.project.radiometry.max_saturated)  # fmt: skip
         further += calibration_findings(test.paint.warnings)
         further += lamp_findings(test.mesh, [lamp.position for lamp in test.project.lamp], unit)
         if (given := test.project.loads) is not None:

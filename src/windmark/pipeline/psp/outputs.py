@@ -52,7 +52,7 @@ def write_point(folder: Path, test: PspTest, done: PointOutcome, record: PointRe
 def write_span(place: Path, test: PspTest, reduced: ReducedPoint, task: PointTask) -> None:
     """``span.csv``: normal force, axial force and moment of every section, see `tasks.psp.section_loads`."""
     axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
-    found = section_loads(test.mesh, reduced.cp, task.sections, axes, seen=reduced.ratio.known)
+    found = section_loads(test.mesh, reduced.cp, task.sections, axes, seen=reduced.shown)
     if not found:
         return
     of = [loads for _, loads in found]

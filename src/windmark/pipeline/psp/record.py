@@ -117,7 +117,7 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         float(np.median([*done.on.rms_px, *done.off.rms_px])), (counts[0], counts[1]),
         float((known & used).sum() / max(int(used.sum()), 1)),
         float(np.median(reduced.cp.sigma[known])), reduced.merged.flicker, reduced.merged.systematic,
-        _fit(reduced.in_situ), loads, shown_areas(reduced.mesh, reduced.ratio.known), causes,
+        _fit(reduced.in_situ), loads, shown_areas(reduced.mesh, reduced.shown), causes,
         reduced.taps,
         tuple(_section(s, reduced.taps) for s in reduced.sections),
         (*done.on.followed, *done.off.followed), reduced.merged.apart,

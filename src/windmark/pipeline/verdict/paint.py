@@ -203,6 +203,22 @@ def black_findings(cameras: Sequence[str]) -> list[Finding]:
     ]
 
 
+def flat_findings(clipped: Mapping[str, float], most: float) -> list[Finding]:
+    """Of cameras with flat pictures that are saturated on more than a part of the model's pixels."""
+    step = "take flat pictures with a shorter exposure or less light, none of them saturated on the model"
+    return [
+        Finding(
+            DOUBTFUL,
+            "covered",
+            f"the flat pictures of {camera} are saturated on {g2(100 * part)} % of the pixels that show the model: "
+            "what these show has no value",
+            step,
+        )
+        for camera, part in clipped.items()
+        if part > most
+    ]
+
+
 def response_findings(odd: Mapping[str, OddResponse | None]) -> list[Finding]:
     """Of cameras whose wind-off pictures' noise contradicts their levels."""
     found = []

@@ -146,11 +146,14 @@ def together(parts: Sequence[tuple[float, Level]], some: bool) -> Level:
 
     columns = np.concatenate([s[:, None] * np.nan_to_num(of.columns) for s, of in zip(share, levels, strict=True)], 1)
     weight = np.min([np.where(s != 0, of.weight, np.inf) for s, of in zip(share, levels, strict=True)], axis=0)
+    # Whether it has a value there or not: what pictures show without one is a hole, and no side that they do not show.
+    least = np.max([of.weight for of in levels], axis=0) if some else np.min([of.weight for of in levels], axis=0)
+    lamps = np.where(on, total([of.lamps for of in levels]), np.mean([of.lamps for of in levels], axis=0))
     even = np.array([s for s, _ in parts]) / sum(s for s, _ in parts)
     cells = [of.cells for of in levels if of.cells is not None]
     return Level(
         total([of.value for of in levels]), total([of.variance for of in levels], share**2), columns,
-        np.where(on, weight, 0.0), total([of.lamps for of in levels]), tuple(g for of in levels for g in of.light),
+        np.where(on, weight, least), lamps, tuple(g for of in levels for g in of.light),
         float(sum(s**2 * of.inverse for s, of in zip(even, levels, strict=True))), known.sum(axis=0).astype(float),
         joined_cells(cells, share) if len(cells) == len(levels) else None,
         tuple(s for of in levels for s in of.scatter),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.errors import WindmarkError, g3
+from windmark.errors import WindmarkError, g2, g3
 from windmark.paint import COEFFICIENTS, LoadReference, Loads, NodeField, fewer_modes, integrate_loads, load_operator
 from windmark.scene import Mesh
 
@@ -50,6 +50,20 @@ def side_loads(mesh: Mesh, reference: LoadReference, triangles: Mask) -> str:
     return ", ".join(f"{name} {whole[COEFFICIENTS.index(name)]:+.2g}" for name in ("CL", "CD", "Cm"))
 
 
+def hole_words(mesh: Mesh, seen: Mask, known: Mask) -> list[str]:
+    """What is said of holes in the sides that are ``seen`` (V,): triangles of which no corner is ``known`` (V,)."""
+    area = np.linalg.norm(mesh.triangle_normals(), axis=1)
+    hole = seen[mesh.triangles].any(axis=1) & ~known[mesh.triangles].any(axis=1)
+    out = []
+    for name in dict.fromkeys(mesh.volume[hole].tolist()):
+        own = mesh.volume == name
+        part = float(area[own & hole].sum() / max(float(area[own].sum()), 1e-300))
+        out.append(f"{name}: {g2(100 * part)} % of its area is shown by cameras, but has no value: pixels that are "
+                   "saturated or do not count, in pictures of the point or in flat ones; its loads are filled in there "
+                   "from around, and what that may be wrong by is in their sigmas")  # fmt: skip
+    return out
+
+
 def seen_loads(
     mesh: Mesh,
     cp: NodeField,
@@ -61,7 +75,8 @@ def seen_loads(
 ) -> Loads | None:
     """Loads of what was seen, None where ``remarks`` say why not; they name what no camera shows.
 
-    ``seen`` (V,) nodes that decide which sides those are; by default those with a value.
+    ``seen`` (V,) nodes that decide which sides those are; by default those with a value. What has none there
+    is filled in by `integrate_loads`.
     """
     seen = cp.known if seen is None else seen
     sides = seen_sides(mesh, seen)

@@ -25,7 +25,7 @@ from windmark.paint import (
 from windmark.scene import Mesh
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
-from windmark.tasks.psp.loads import seen_loads
+from windmark.tasks.psp.loads import hole_words, seen_loads
 from windmark.tasks.psp.patching import patched
 from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, lacking, unchecked_level
 from windmark.tasks.psp.ratios import MergedRatio
@@ -105,6 +105,7 @@ class ReducedPoint:
     taps : paint against taps; None without
     loads : of the seen side; None where none were wanted, or ``remarks`` say why
     sections : Cp along cuts
+    shown : (V,) nodes of the sides that cameras show, those without a value among them
     remarks : what is to be said of the point
     """
 
@@ -121,6 +122,7 @@ class ReducedPoint:
     taps: TapTable | None
     loads: Loads | None
     sections: tuple[SurfaceSection, ...]
+    shown: Mask
     remarks: tuple[str, ...] = ()
 
 
@@ -146,6 +148,7 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     remarks: list[str] = [f"{name} does not count: {why}" for name, why in merged.left_out.items()]
     remarks += unlit_words(rest, merged.unlit, merged.ratio.known)
     ratio, filled = patched(rest, merged.ratio, task.patches, task.polygons, remarks)
+    shown = ratio.known | merged.shown if merged.shown.any() else ratio.known
     temperature = _temperature(rest, ratio.known, task, remarks)
     prior = _pressure(ratio, temperature, task)
     if not prior.field.known.any():
@@ -165,10 +168,11 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     sections = cut_sections(rest, cp, task.sections, axes, taps_at, remarks)
     loads = None
     if task.reference is not None:
-        loads = seen_loads(mesh, cp, task.reference, task.least_seen, remarks, seen=ratio.known)
+        remarks += hole_words(mesh, shown, ratio.known)
+        loads = seen_loads(mesh, cp, task.reference, task.least_seen, remarks, seen=shown)
     return ReducedPoint(
         task.name, mesh, ratio, temperature, pressure, cp, prior.flags, filled, merged, fit, taps, loads, sections,
-        tuple(remarks),
+        shown, tuple(remarks),
     )  # fmt: skip
 
 
