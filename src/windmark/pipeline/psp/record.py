@@ -142,8 +142,15 @@ def _fit(fit: InSitu | None) -> dict[str, float]:
         "taps": int(fit.used.sum()), "slope": slope, "slope_free": float(fit.free == "both"),
         "offset_Pa": float(fit.coefficients[0] - fit.center),
         "rms_Pa": fit.rms, "leave_one_out_rms_Pa": fit.loo_rms, "scatter_Pa": fit.scatter,
-        "noise_Pa": fit.noise,
+        "noise_Pa": fit.noise, **_moved(fit),
     }  # fmt: skip
+
+
+def _moved(fit: InSitu) -> dict[str, float]:
+    """By how much the fit moves the paint's own pressure, and by how much it may where both are right."""
+    (_, offset_sigma), (_, slope_sigma) = fit.moved
+    sigmas = {"offset_sigma_Pa": offset_sigma, "slope_sigma": slope_sigma}
+    return {key: value for key, value in sigmas.items() if np.isfinite(value)}
 
 
 def load_columns(records: list[PointRecord]) -> dict[str, NDArray]:

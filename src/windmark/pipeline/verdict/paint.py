@@ -19,7 +19,7 @@ from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene import Mesh
-from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING
+from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING, UNFIT
 
 
 def psp_verdict(
@@ -134,6 +134,7 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
             "check that the taps' readings are of this point and their names at their places; then lamps and flat "
             "pictures",
         )
+    yield from _contradicted(r)
     # Taps that agree within their sigmas leave no scatter: what the fit leaves of those in it is the measure then.
     within = max(r.fit["scatter_Pa"], r.fit["rms_Pa"]) if r.fit else np.inf
     if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > rules.LEFT_OUT_TIMES * within:
@@ -144,6 +145,32 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
             f"{g3(r.fit['rms_Pa'])} Pa",
             "look for blocked taps",
         )
+
+
+def _contradicted(r: PointRecord) -> Iterator[Finding]:
+    """A fit that moves the paint's own pressure by more than paint and taps may be off: a scatter does not show it.
+
+    What the paint's sigmas do not contain (`UNFIT`) has the last word of neither.
+    """
+    if not r.fit or any(said.startswith((UNFIT, EXTRAPOLATED)) for said in r.remarks):
+        return
+    for words, value, sigma, unit, share in (
+        ("read", r.fit.get("offset_Pa", np.nan), r.fit.get("offset_sigma_Pa", np.nan), "Pa",
+         "the reference pressure (barometer)"),
+        ("change by", 100 * (r.fit.get("slope", np.nan) - 1), 100 * r.fit.get("slope_sigma", np.nan), "%",
+         "the span of the scanner"),
+    ):  # fmt: skip
+        if abs(value) > rules.CONTRADICTED * sigma:
+            yield Finding(
+                DOUBTFUL,
+                "taps",
+                f"the taps {words} {g3(abs(value))} {unit} {'more' if value > 0 else 'less'} than the paint's own "
+                f"calibration says, {g2(abs(value) / sigma)} times what both leave open: the pressure is fitted to the "
+                "taps, and what is wrong with all of them alike is in it and in no sigma",
+                f"check {share} of the taps; p_off, T_off and T0; lamps that changed after wind-off. in_situ = "
+                '"compare" shows the paint by itself',
+            )
+            return
 
 
 def _wall(r: PointRecord) -> Iterator[Finding]:
@@ -209,7 +236,7 @@ def flat_findings(clipped: Mapping[str, float], most: float) -> list[Finding]:
     return [
         Finding(
             DOUBTFUL,
-            "covered",
+            "saturated",
             f"the flat pictures of {camera} are saturated on {g2(100 * part)} % of the pixels that show the model: "
             "what these show has no value",
             step,

@@ -27,7 +27,7 @@ from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
 from windmark.tasks.psp.loads import hole_words, seen_loads
 from windmark.tasks.psp.patching import patched
-from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, lacking, unchecked_level
+from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, fitted_level, lacking, unchecked_level
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
 from windmark.tasks.psp.unlit import unlit_words
@@ -163,6 +163,8 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
         taps = in_cp(taps, task.taps, task.conditions, cp, filled, rest)
     if taps is None or not taps.counting.any():
         remarks.append(unchecked_level(task.law, ratio, temperature, task.p_off, task.t_off, task.conditions))
+    elif fit is not None:
+        remarks += fitted_level(task.law, merged.flicker)
     axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
     taps_at = None if task.taps is None else task.taps.xyz
     sections = cut_sections(rest, cp, task.sections, axes, taps_at, remarks)
