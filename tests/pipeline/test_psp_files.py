@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,15 +13,18 @@ from windmark.geometry import Camera, Pose
 from windmark.io import FileError, write_nodes_netcdf
 from windmark.paint import TunnelGain
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.psp.calibration import read_calibration
 from windmark.pipeline.psp.load import read_polygons
 from windmark.pipeline.psp.offs import by_incidence, by_run, read_references, run_remarks
 from windmark.pipeline.psp.outputs import on_pixels
 from windmark.pipeline.psp.sensors import read_linearity
-from windmark.pipeline.psp.stream import constants_of
+from windmark.pipeline.psp.stream import constants_of, contradiction_words
 from windmark.pipeline.psp.table import read_points_table
 from windmark.pipeline.psp.wall import read_map
 from windmark.pipeline.psp.wtd import read_wtd
+from windmark.pipeline.verdict import DOUBTFUL, GOOD
+from windmark.pipeline.verdict.paint import psp_verdict
 from windmark.resection import map_pixels
 from windmark.scene import Mesh
 
@@ -407,3 +411,33 @@ def test_a_row_whose_temperature_is_in_another_unit_is_refused_alone(tmp_path, t
     assert np.isnan(rows[2].conditions().t_0)
     with pytest.raises(DataError, match=words):
         rows[1].conditions()
+
+
+def test_what_mach_and_pressures_contradict_each_other_by_is_in_the_sigma(tmp_path):
+    row = "{},1,{},{},99000,293,on.tif,off.tif,0.8,{}"
+    p, q = 66025.9, 29579.6  # 0.7 M^2 p to 0.1 Pa
+    cells = [(p, q, ""), (1.045 * p, q, ""), (1.005 * p, q, ""), (1.005 * p, q, 300), (66000, 29600, "")]
+    rows = read_points_table(written(tmp_path, "t.csv", f"{HEAD},mach,sigma_p_inf_Pa", *(
+        row.format(name, *of) for name, of in zip("abcde", cells, strict=True)
+    )))  # fmt: skip
+    right, wrong, little, within, rounded = rows
+    assert right.conditions().cov is None
+    assert contradiction_words(right.contradiction, p, q) == []
+    assert wrong.contradiction == pytest.approx(0.045, rel=1e-4)
+    sigma_p, sigma_q = np.sqrt(np.diag(wrong.conditions().cov))
+    assert (sigma_p / (1.045 * p), sigma_q / q) == pytest.approx((0.045 / np.sqrt(3),) * 2, rel=1e-4)
+    (said,) = contradiction_words(wrong.contradiction, 1.045 * p, q)
+    assert said.startswith("Mach, p_inf and q_inf contradict each other by 4.5 %")
+    assert "makes 0.1 in Cp" in said
+    assert np.sqrt(little.conditions().cov[0, 0]) / q < 0.01  # in proportion
+    assert within.contradiction == 0
+    assert np.sqrt(within.conditions().cov[0, 0]) == pytest.approx(300)
+    assert np.sqrt(rounded.conditions().cov[0, 0]) / 29600 < 0.002
+
+
+def test_a_point_most_of_whose_sigma_is_that_contradiction_is_doubted():
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.06, flicker=0.0, contradiction_cp=0.058)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "units")
+    assert "Mach, p_inf and q_inf of the table contradict each other" in verdict.reason
+    assert psp_verdict([replace(point, contradiction_cp=0.01)]).word == GOOD

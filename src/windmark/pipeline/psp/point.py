@@ -16,6 +16,7 @@ from windmark.pipeline.psp.incidence import at_incidence, of_one_state
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
+from windmark.pipeline.psp.stream import contradiction_words
 from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable, reference_kind
 from windmark.pipeline.psp.wall import steady_of, wall_of
 from windmark.tasks.psp import (
@@ -92,6 +93,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     if not np.isfinite(stream.mach):
         said.append(f"no Mach number is given to test the pressures by: p_inf and q_inf are those of Mach "
                     f"{g3(mach_of(stream))}")  # fmt: skip
+    said += contradiction_words(row.contradiction, row.p_inf, row.q_inf)
     if (flicker := test.project.radiometry.lamp_flicker) is not None and ratio.flicker > flicker:
         said.append(f"the lamps flicker by {g2(100 * ratio.flicker)} % from picture to picture, which counts, and by "
                     f"{g2(100 * flicker)} % by radiometry.lamp_flicker")  # fmt: skip

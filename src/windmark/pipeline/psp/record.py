@@ -51,6 +51,7 @@ class PointRecord:
     pictures_used : wind-on and wind-off pictures that count
     seen : part of the grid's nodes with a Cp
     median_sigma_cp : over these
+    contradiction_cp : part of it that is there because Mach, p_inf and q_inf contradict each other
     flicker, systematic : of the lamps (NaN: nothing says it), and by which cameras differ, see `MergedRatio`
     apart : of each two cameras, see `CamerasApart`
     scatter : of the pictures of each camera and kind
@@ -75,6 +76,7 @@ class PointRecord:
     pictures_used: tuple[int, int] = (0, 0)
     seen: float = 0.0
     median_sigma_cp: float = float("nan")
+    contradiction_cp: float = 0.0
     flicker: float = float("nan")
     systematic: float = float("nan")
     fit: Mapping[str, float] = field(default_factory=dict)
@@ -116,7 +118,8 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         row.name, row.alpha_deg, pictures, REDUCED, "", (*reduced.remarks, *troubles), done.alpha_seen_deg,
         float(np.median([*done.on.rms_px, *done.off.rms_px])), (counts[0], counts[1]),
         float((known & used).sum() / max(int(used.sum()), 1)),
-        float(np.median(reduced.cp.sigma[known])), reduced.merged.flicker, reduced.merged.systematic,
+        float(np.median(reduced.cp.sigma[known])),
+        abs(row.contradiction) * row.p_inf / row.q_inf / np.sqrt(3), reduced.merged.flicker, reduced.merged.systematic,
         _fit(reduced.in_situ), loads, shown_areas(reduced.mesh, reduced.shown), causes,
         reduced.taps,
         tuple(_section(s, reduced.taps) for s in reduced.sections),

@@ -49,7 +49,7 @@ def psp_verdict(
     found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
     found += further
     for r in good:
-        said = (*_missing(r, sections), *_states(r), *_taps(r), *_wall(r), *_calibrated(r), *_light(r))
+        said = (*_missing(r, sections), *_states(r), *_taps(r), *_wall(r), *_stream(r), *_calibrated(r), *_light(r))
         found += [f.at(r.name) for f in said]
     sigma, shown = middle([r.median_sigma_cp for r in good]), min(r.shown.get("all", 1.0) for r in good)
     return Verdict.of(
@@ -171,6 +171,18 @@ def _contradicted(r: PointRecord) -> Iterator[Finding]:
                 '"compare" shows the paint by itself',
             )
             return
+
+
+def _stream(r: PointRecord) -> Iterator[Finding]:
+    """Mach, p_inf and q_inf that contradict each other by more than all else leaves open of Cp."""
+    if 2 * r.contradiction_cp**2 > r.median_sigma_cp**2:
+        yield Finding(
+            DOUBTFUL,
+            "units",
+            f"Mach, p_inf and q_inf of the table contradict each other, which makes {g2(r.contradiction_cp)} of the "
+            f"{g2(r.median_sigma_cp)} in sigma(Cp)",
+            "correct the one that is wrong; give Mach with all its digits, or leave it out where it is nominal",
+        )
 
 
 def _wall(r: PointRecord) -> Iterator[Finding]:
