@@ -12,7 +12,7 @@ from windmark import io
 from windmark.compiling import working_time
 from windmark.errors import DataError, WindmarkError, g2, g3
 from windmark.paint import LoadReference, TunnelConditions, TunnelGain
-from windmark.pipeline.psp.incidence import at_incidence, of_one_state
+from windmark.pipeline.psp.incidence import apart_deg, at_incidence, of_one_state
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
@@ -87,7 +87,8 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
         ratio = two_colours(ratio, others["reference"])
     wall = wall_of(test, row, others)
     state = on.states[0]
-    task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady)
+    apart = apart_deg(test.project.points, row.alpha_deg, on.states)
+    task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady, alpha_apart_deg=apart)
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
     said = [*row.remarks, *once.remarks, *wall.remarks, *about]
     if not np.isfinite(stream.mach):

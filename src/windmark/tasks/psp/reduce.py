@@ -25,7 +25,7 @@ from windmark.paint import (
 from windmark.scene import Mesh
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
-from windmark.tasks.psp.loads import hole_words, seen_loads
+from windmark.tasks.psp.loads import between_incidences, hole_words, seen_loads
 from windmark.tasks.psp.patching import patched
 from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, fitted_level, lacking, unchecked_level
 from windmark.tasks.psp.ratios import MergedRatio
@@ -67,6 +67,7 @@ class PointTask:
     reference : of the loads; None: none are wanted
     least_seen : see `integrate_loads`
     sections : cuts that are wanted
+    alpha_apart_deg : by how much the incidence of the loads' axes differs from what the pictures show
     """
 
     name: str
@@ -87,6 +88,7 @@ class PointTask:
     polygons: tuple[Array, ...] = ()
     temperature: NodeField | None = None
     steady: NodeField | None = None
+    alpha_apart_deg: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +174,8 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     if task.reference is not None:
         remarks += hole_words(mesh, shown, ratio.known)
         loads = seen_loads(mesh, cp, task.reference, task.least_seen, remarks, seen=shown)
+        if loads is not None:
+            loads = between_incidences(loads, task.reference, task.alpha_apart_deg, remarks)
     return ReducedPoint(
         task.name, mesh, ratio, temperature, pressure, cp, prior.flags, filled, merged, fit, taps, loads, sections,
         shown, tuple(remarks),
