@@ -22,6 +22,7 @@ from windmark.paint import (
     thermocouple_temperature,
     varying,
 )
+from windmark.paint.filling import stranded
 from windmark.scene import Mesh
 from windmark.tasks.psp.cuts import SectionWanted, SurfaceSection, cut_sections
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
@@ -151,6 +152,8 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     remarks += unlit_words(rest, merged.unlit, merged.ratio.known)
     ratio, filled = patched(rest, merged.ratio, task.patches, task.polygons, remarks)
     shown = ratio.known | merged.shown if merged.shown.any() else ratio.known
+    if merged.unlit.any():  # what lacks a value amid unlit surface is as little shown as that
+        shown &= ~stranded(rest, ratio, shown & ~ratio.known)
     temperature = _temperature(rest, ratio.known, task, remarks)
     prior = _pressure(ratio, temperature, task)
     if not prior.field.known.any():
