@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,15 +13,18 @@ from windmark.geometry import Camera, Pose
 from windmark.io import FileError, write_nodes_netcdf
 from windmark.paint import TunnelGain
 from windmark.pipeline.lengths import Lengths
+from windmark.pipeline.psp import PointRecord
 from windmark.pipeline.psp.calibration import read_calibration
 from windmark.pipeline.psp.load import read_polygons
 from windmark.pipeline.psp.offs import by_incidence, by_run, read_references, run_remarks
 from windmark.pipeline.psp.outputs import on_pixels
 from windmark.pipeline.psp.sensors import read_linearity
-from windmark.pipeline.psp.stream import constants_of
+from windmark.pipeline.psp.stream import constants_of, contradiction_words
 from windmark.pipeline.psp.table import read_points_table
 from windmark.pipeline.psp.wall import read_map
 from windmark.pipeline.psp.wtd import read_wtd
+from windmark.pipeline.verdict import DOUBTFUL, GOOD
+from windmark.pipeline.verdict.paint import psp_verdict
 from windmark.resection import map_pixels
 from windmark.scene import Mesh
 
@@ -378,3 +382,62 @@ def test_names_of_points_that_no_folder_can_have_are_refused(tmp_path, names, wo
         read_points_table(written(tmp_path, "t.csv", HEAD, *(ROW.replace("a,", f"{n},", 1) for n in names)))
     good = [ROW.replace("a,", f"{n},", 1) for n in ("R12P03", "alpha 2.5", "p-1", "12")]
     assert len(read_points_table(written(tmp_path, "t.csv", HEAD, *good))) == 4
+
+
+@pytest.mark.parametrize(("cells", "words"), [
+    ("1,65000,0,99000,293,on.tif,off.tif,0", r"q_inf is 0 Pa: nothing has a Cp without wind.*\(line 3 of the table"),
+    ("1,65000,0,99000,293,on.tif,off.tif,0.8", "q_inf is 0 Pa: nothing has a Cp"),
+    ("1,65000,29000,99000,293,on.tif,off.tif,0", "Mach is 0: nothing has a Cp without wind"),
+    ("1,0,29000,99000,293,on.tif,off.tif,0.8", "p_inf is 0 Pa: expected an absolute pressure"),
+])  # fmt: skip
+def test_a_row_without_wind_is_refused_alone(tmp_path, cells, words):
+    good = "a,1,65000,29120,99000,293,on.tif,off.tif,0.8"
+    rows = read_points_table(written(tmp_path, "t.csv", f"{HEAD},mach", good, f"tare,{cells}"))
+    assert rows[0].conditions().q_inf == 29120
+    with pytest.raises(DataError, match=words):
+        rows[1].conditions()
+
+
+@pytest.mark.parametrize(("t_0", "t_off", "words"), [
+    ("29.0", "293", r"^T0 is 29 K, expected above 50 K: is it in the unit of its name\? \(line 3 of the table"),
+    ("302", "20", "^T_off is 20 K, expected above 50 K"),
+])  # fmt: skip
+def test_a_row_whose_temperature_is_in_another_unit_is_refused_alone(tmp_path, t_0, t_off, words):
+    head, cells = f"{HEAD},T0_K", "1,65000,29000,99000,{},on.tif,off.tif,{}"
+    given = {"a": ("293", "302"), "b": (t_off, t_0), "c": ("293", "")}
+    lines = [f"{name},{cells.format(*of)}" for name, of in given.items()]
+    rows = read_points_table(written(tmp_path, "t.csv", head, *lines))
+    assert rows[0].conditions().t_0 == 302
+    assert np.isnan(rows[2].conditions().t_0)
+    with pytest.raises(DataError, match=words):
+        rows[1].conditions()
+
+
+def test_what_mach_and_pressures_contradict_each_other_by_is_in_the_sigma(tmp_path):
+    row = "{},1,{},{},99000,293,on.tif,off.tif,0.8,{}"
+    p, q = 66025.9, 29579.6  # 0.7 M^2 p to 0.1 Pa
+    cells = [(p, q, ""), (1.045 * p, q, ""), (1.005 * p, q, ""), (1.005 * p, q, 300), (66000, 29600, "")]
+    rows = read_points_table(written(tmp_path, "t.csv", f"{HEAD},mach,sigma_p_inf_Pa", *(
+        row.format(name, *of) for name, of in zip("abcde", cells, strict=True)
+    )))  # fmt: skip
+    right, wrong, little, within, rounded = rows
+    assert right.conditions().cov is None
+    assert contradiction_words(right.contradiction, p, q) == []
+    assert wrong.contradiction == pytest.approx(0.045, rel=1e-4)
+    sigma_p, sigma_q = np.sqrt(np.diag(wrong.conditions().cov))
+    assert (sigma_p / (1.045 * p), sigma_q / q) == pytest.approx((0.045 / np.sqrt(3),) * 2, rel=1e-4)
+    (said,) = contradiction_words(wrong.contradiction, 1.045 * p, q)
+    assert said.startswith("Mach, p_inf and q_inf contradict each other by 4.5 %")
+    assert "makes 0.1 in Cp" in said
+    assert np.sqrt(little.conditions().cov[0, 0]) / q < 0.01  # in proportion
+    assert within.contradiction == 0
+    assert np.sqrt(within.conditions().cov[0, 0]) == pytest.approx(300)
+    assert np.sqrt(rounded.conditions().cov[0, 0]) / 29600 < 0.002
+
+
+def test_a_point_most_of_whose_sigma_is_that_contradiction_is_doubted():
+    point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.06, flicker=0.0, contradiction_cp=0.058)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "units")
+    assert "Mach, p_inf and q_inf of the table contradict each other" in verdict.reason
+    assert psp_verdict([replace(point, contradiction_cp=0.01)]).word == GOOD

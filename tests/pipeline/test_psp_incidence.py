@@ -7,14 +7,24 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from windmark.errors import DataError
-from windmark.paint import LoadReference
+from windmark.paint import LoadReference, NodeField, integrate_loads
 from windmark.pipeline.psp import REDUCED, PointRecord
 from windmark.pipeline.psp.entries import TableEntry
-from windmark.pipeline.psp.incidence import SIDESLIP, at_incidence, of_one_state, seen_angles, unsaid_sideslip
+from windmark.pipeline.psp.incidence import (
+    SIDESLIP,
+    apart_deg,
+    at_incidence,
+    of_one_state,
+    pitch_sigma_deg,
+    seen_angles,
+    unsaid_sideslip,
+)
 from windmark.pipeline.psp.pictures import Found
 from windmark.pipeline.verdict import DOUBTFUL, GOOD
 from windmark.pipeline.verdict.paint import psp_verdict
+from windmark.scene import Mesh
 from windmark.tasks.psp import Scatter
+from windmark.tasks.psp.loads import between_incidences
 
 ENTRY = TableEntry(table="points.csv")
 
@@ -143,3 +153,43 @@ def test_a_point_of_several_states_is_doubted(more, words):
 def test_noise_large_or_small_is_no_doubt():
     for scatter in (Scatter(1.4, 0.04, GROUPS), Scatter(6.0, 0.004, GROUPS)):
         assert psp_verdict([PointRecord(**{**vars(POINT), "scatter": (scatter,)})]).word == GOOD
+
+
+def pitched(alpha, sigma_deg=0.01):
+    """A state whose motion is known to this sigma in every turn."""
+    state = found(alpha).states[0]
+    s, c = np.sin(np.radians(alpha)), np.cos(np.radians(alpha))
+    state.tunnel_from_model.rotation = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    state.slices, state.cov = {"motion": slice(2, 8)}, np.eye(8) * np.radians(sigma_deg) ** 2
+    return state
+
+
+def test_the_incidence_has_the_sigma_of_its_motion():
+    assert pitch_sigma_deg(pitched(4.0)) == pytest.approx(0.01)
+    held = pitched(4.0)
+    held.slices = {}
+    assert pitch_sigma_deg(held) == 0
+
+
+def test_what_pictures_and_table_differ_by_within_the_limit_is_in_the_loads():
+    states = tuple(pitched(a) for a in (4.0, 4.002, 3.998))
+    assert apart_deg(ENTRY, 4.0, states) == 0
+    assert apart_deg(ENTRY, 4.015, states) == 0  # within twice the sigma
+    apart = apart_deg(ENTRY, 4.45, states)
+    assert apart == pytest.approx(-0.45)
+    plate = Mesh.make([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], "wing")
+    at = {a: LoadReference(2.0, 2.0, 1.0, alpha_deg=a) for a in (4.0, 4.45)}
+    cp = NodeField.make(np.full(4, -0.5)).with_mode("taps", np.full(4, 0.005))
+    right, wrong = (integrate_loads(plate, cp, of) for of in at.values())
+    said: list[str] = []
+    assert between_incidences(wrong, at[4.45], 0.0, said) is wrong
+    assert between_incidences(wrong, at[4.45], 0.05, said) is wrong  # within the sigma: a sting bends by as much
+    assert said == []
+    done = between_incidences(wrong, at[4.45], apart, said)
+    assert said[0].startswith("the pictures show an incidence of 4.00 degrees, the table of points says 4.45: loads")
+    for name in ("CD", "CL", "CC"):
+        (value, sigma), (true, _) = done.row("wing")[name], right.row("wing")[name]
+        assert abs(value - true) <= 1.96 * sigma
+    assert done.row("wing")["CD"][1] == pytest.approx(0.5 * np.radians(0.45) / np.sqrt(2), rel=0.02)
+    assert done.row("wing")["CN"] == wrong.row("wing")["CN"]
+    assert done.dominant("all", "CD")[0][0] == "incidence"

@@ -61,6 +61,20 @@ def test_dim_paint_has_values_and_markers_are_not_meant():
         assert dark.any() == (how.patches is None)
 
 
+def test_a_marker_on_unlit_surface_is_no_hole_in_a_seen_side():
+    """It is not called unlit, but its surroundings are: loads of what is lit must not hang on it."""
+    mesh = two_plates()
+    light = shares(30.0)
+    light[55:66, 110:121] = 5.0
+    centre = ABOVE.inverse().apply(np.array([[(115 - 79.5) / 2, (60 - 59.5) / 2, 100.0]]))
+    disc = Patches(mesh, np.atleast_2d(centre) * [1, 1, 0], np.array([4.5]), np.array([[0.0, 0.0, 1.0]]))
+    got = ratio_of(pictures(light, mesh), pictures(light, mesh), how=Sampling(patches=disc))
+    body = np.arange(len(mesh.vertices)) >= len(mesh.vertices) // 2
+    assert disc.nodes[body].any()
+    assert not got.shown[body].any()
+    assert (got.shown[~body] == got.ratio.known[~body]).all()
+
+
 def test_dim_surface_that_goes_over_into_unlit_one_is_part_of_it():
     """In the corner beside a lit wing an unlit body has a tenth of its light: what the wing throws on it."""
     mesh = two_plates()

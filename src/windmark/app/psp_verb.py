@@ -25,6 +25,7 @@ from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.lengths import psp_lengths
 from windmark.pipeline.verdict.paint import (
     black_findings,
+    flat_findings,
     psp_verdict,
     response_findings,
     shared_findings,
@@ -86,12 +87,14 @@ def _further(test: PspTest, records: list[PointRecord]) -> list[Finding]:
     return [
         *black_findings([name for name, sensor in test.sensors.items() if not sensor.black_given]),
         *response_findings({name: sensor.odd for name, sensor in test.sensors.items()}),
+        *flat_findings({name: sensor.flat_clipped for name, sensor in test.sensors.items()},
+                       test.project.radiometry.max_saturated),
         *calibration_findings(test.paint.warnings),
         *shared_findings(records, test.rows),
         *stranger_findings(test.remarks),
         *far_findings(test.places, test.project.length_unit),
         *psp_lengths(test.mesh, test.project),
-    ]
+    ]  # fmt: skip
 
 
 def summary(test: PspTest, records: list[PointRecord]) -> Record:

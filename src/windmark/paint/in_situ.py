@@ -105,6 +105,23 @@ class InSitu:
         out = NodeField(value, white, modes, names, self.unit)
         return out.with_modes("in-situ", np.where(on[:, None], powers, 0.0), self.cov)
 
+    @property
+    def moved(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """What the fit adds to an a-priori pressure, and its sigma: at ``center``, and to its slope (order 1).
+
+        The sigma is of all that may part the two where taps and a-priori law are both right: the taps' own errors and
+        every error of x, so that a fit which moves it by many of these contradicts one of them. NaN where the fit
+        is no straight line, and for a slope that is kept; without meaning where x is a ratio.
+        """
+        if self.order != 1:
+            return (np.nan, np.nan), (np.nan, np.nan)
+        by_taps = self._response @ self._tap_modes
+        sigma = np.sqrt(np.diagonal(self.cov + by_taps @ by_taps.T))
+        slope = float(self.coefficients[1] / self.scale) - 1.0, float(sigma[1] / self.scale)
+        return (float(self.coefficients[0] - self.center), float(sigma[0])), (
+            slope if self.free == "both" else (np.nan, np.nan)
+        )
+
     def outside(self, x: NodeField) -> Mask:
         """(N,) nodes beyond what the taps span by more than a tenth of it: the fit is extrapolated there."""
         low, high = self.x_range

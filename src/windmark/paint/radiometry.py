@@ -188,7 +188,7 @@ def correct_picture(picture: ArrayLike, sensor: SensorModel, *, most_saturated: 
             raise DataError(f"{name}: {_size(np.shape(part))}; expected {_size(raw.shape)} as the picture")
     flags = np.zeros(raw.shape, np.uint8)
     flags[~np.isfinite(raw)] |= NOT_FINITE
-    flags[raw >= min(sensor.saturation, clipped_level(np.asarray(picture)))] |= SATURATED
+    flags[saturated_pixels(picture, sensor.saturation)] |= SATURATED
     if sensor.dead is not None:
         flags[sensor.dead] |= DEAD
     signal = raw - sensor.dark
@@ -211,6 +211,12 @@ def correct_picture(picture: ArrayLike, sensor: SensorModel, *, most_saturated: 
     # No number of the dark picture, or of what is known of its error: the picture itself may be fine there.
     flags[(flags == 0) & ~(np.isfinite(value) & np.isfinite(variance))] |= NOT_FINITE
     return Intensity(value, variance, flags, lasting)
+
+
+def saturated_pixels(picture: ArrayLike, saturation: float) -> NDArray[np.bool_]:
+    """(H, W) pixels of a picture as read that are saturated, or at a level where it is clipped below that."""
+    raw = np.asarray(picture)
+    return np.asarray(raw >= min(saturation, clipped_level(raw)))
 
 
 def _size(shape: tuple[int, ...]) -> str:

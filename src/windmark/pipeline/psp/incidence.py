@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation
+from windmark.deformation.sighting import MOTION
 from windmark.errors import DataError
 from windmark.paint import LoadReference, enough
 from windmark.pipeline.psp.entries import TableEntry
 from windmark.pipeline.psp.pictures import Found
+from windmark.pipeline.psp.stream import DIFFERS_DEG
 from windmark.tasks.psp import BadPicture
 
 Array = NDArray[np.float64]
@@ -98,6 +100,26 @@ def _only(found: Found, good: NDArray[np.bool_], bad: list[BadPicture], words: s
         states=tuple(found.states[k] for k in kept), rms_px=tuple(found.rms_px[k] for k in kept),
         followed=tuple(found.followed[k] for k in kept), bad=(*found.bad, *bad), several=(*found.several, words),
     )  # fmt: skip
+
+
+def apart_deg(entry: TableEntry, alpha_deg: float, states: tuple[Deformation, ...]) -> float:
+    """By how much the states' mean incidence differs from a table's (degrees); 0 where that is rounding, or within
+    twice what the markers leave open of a state, which is not less for a mean: they share their table's errors.
+    """
+    apart = float(seen_angles(entry, states)[:, 0].mean()) - alpha_deg
+    unsure = float(np.median([pitch_sigma_deg(s) for s in states]))
+    return apart if abs(apart) > max(DIFFERS_DEG, 2 * unsure) else 0.0
+
+
+def pitch_sigma_deg(state: Deformation) -> float:
+    """Of the incidence that a state's rigid motion shows, in degrees; 0 where it is held."""
+    if MOTION not in state.slices:
+        return 0.0
+    rotation = state.tunnel_from_model.rotation
+    # The motion is perturbed as exp(delta) @ pose: how sin(pitch) = rotation[0, 2] changes with the turn.
+    by_turn = np.array([0.0, rotation[2, 2], -rotation[1, 2]]) / np.sqrt(1 - rotation[0, 2] ** 2)
+    cov = state.cov[state.slices[MOTION], state.slices[MOTION]][:3, :3]
+    return float(np.degrees(np.sqrt(by_turn @ cov @ by_turn)))
 
 
 def of_one_state(entry: TableEntry, found: Found, kind: str) -> Found:

@@ -100,7 +100,8 @@ def _load(project: PspProject) -> PspTest:
     lengths = project.lengths
     paint = _calibrated(project)
     rows = _points(project)
-    sensors = {c.name: read_sensor(project, c.name, deforming.test.station(c.name), rows) for c in project.camera}
+    stations = {c.name: deforming.test.station(c.name) for c in project.camera}
+    sensors = {name: read_sensor(project, name, station, rows, deforming.mesh) for name, station in stations.items()}
     taps = wells = pressures = readings = None
     remarks = [*deforming.remarks, *paint.warnings]
     if project.reference is not None and project.reference.mean_of_run:

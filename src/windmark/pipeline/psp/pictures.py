@@ -15,7 +15,9 @@ from windmark.deformation import Deformation
 from windmark.errors import DataError, WindmarkError
 from windmark.paint import correct_picture, enough
 from windmark.pipeline.deform.followed import Followed
+from windmark.pipeline.deform.names import key_of_file
 from windmark.pipeline.deform.pictures import follow_deformation, read
+from windmark.pipeline.psp.instants import alone_words, by_instant, in_order
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.response import soft_words
@@ -76,7 +78,7 @@ def read_pictures(test: PspTest, kind: str, pattern: str, once: Once) -> dict[st
     for station in test.deforming.test.stations:
         files = pictures_named(test.project, pattern, station.name)
         named = zip(_names(files), files, strict=True)
-        out[station.name] = [_taken(test, station.name, name, file) for name, file in named]
+        out[station.name] = in_order([_taken(test, station.name, name, file) for name, file in named])
     if not any(out.values()):
         missing = "the reference is missing: " if kind.startswith(WIND_OFF) else ""
         raise DataError(f"{missing}no {kind} picture matches {pattern!r} beside the project")
@@ -108,9 +110,9 @@ def _taken(test: PspTest, camera: str, name: str, file: io.PictureFile) -> Taken
             dark.check(np.asarray(image), "this picture")
         done = correct_picture(image, test.sensors[camera].model, most_saturated=most)
     except WindmarkError as error:
-        return Taken(name, None, why=str(error))
+        return Taken(name, None, why=str(error), key=key_of_file(file))
     value, variance = (np.where(done.usable, v, np.nan) for v in (done.value, done.variance))
-    return Taken(name, image, value, variance, done.lasting, content=content_of(image))
+    return Taken(name, image, value, variance, done.lasting, content=content_of(image), key=key_of_file(file))
 
 
 def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Found:
@@ -122,13 +124,14 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
         Where it is found in none.
     """
     bad = tuple(BadPicture(said(kind, n, p), n, p.why) for n, own in raw.items() for p in own if p.why)
-    frames = []
-    for k in range(max(len(p) for p in raw.values())):
-        images = {n: own[k].image for n, own in raw.items() if k < len(own) and own[k].image is not None}
+    frames, paired = [], by_instant(raw)
+    for k, of in enumerate(paired):
+        images = {n: picture.image for n, picture in of.items() if picture.image is not None}
         if images:
             frames.append(FrameImages(f"{k}", float(k), images))
     seen: list[ModelPicture] = []
-    states, rms, troubles, followed, instants = [], [], {}, [], []
+    states, rms, followed, instants = [], [], [], []
+    troubles = alone_words(kind, paired, list(raw))
     for frame in follow_deformation(frames, test.deforming.test):
         state, k = frame.state, int(frame.key)
         if state is None:
@@ -142,7 +145,7 @@ def the_model_in(test: PspTest, kind: str, raw: Mapping[str, list[Taken]]) -> Fo
         mesh, moves = moved_grid(state, test.mesh)
         instants += [len(states) - 1] * len(frame.views)
         for name in frame.views:
-            own, station = raw[name][k], test.deforming.test.station(name)
+            own, station = paired[k][name], test.deforming.test.station(name)
             lens = state.cameras.get(name, station.camera)
             pose = state.cam_from_tunnel.get(name, station.cam_from_tunnel)
             seen.append(ModelPicture(

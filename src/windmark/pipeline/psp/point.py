@@ -12,11 +12,12 @@ from windmark import io
 from windmark.compiling import working_time
 from windmark.errors import DataError, WindmarkError, g2, g3
 from windmark.paint import LoadReference, TunnelConditions, TunnelGain
-from windmark.pipeline.psp.incidence import at_incidence, of_one_state, unsaid_sideslip
+from windmark.pipeline.psp.incidence import apart_deg, at_incidence, of_one_state, unsaid_sideslip
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
 from windmark.pipeline.psp.pictures import Found, read_pictures, the_model_in
 from windmark.pipeline.psp.places import without_places
+from windmark.pipeline.psp.stream import contradiction_words
 from windmark.pipeline.psp.table import WIND_OFF, WIND_ON, PointRow, SensorTable, reference_kind
 from windmark.pipeline.psp.wall import steady_of, wall_of
 from windmark.tasks.psp import (
@@ -89,7 +90,8 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
         ratio = two_colours(ratio, others["reference"])
     wall = wall_of(test, row, others)
     state = on.states[0]
-    task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady)
+    apart = apart_deg(test.project.points, row.alpha_deg, on.states)
+    task = replace(point_task(test, row, stream), temperature=wall.temperature, steady=steady, alpha_apart_deg=apart)
     reduced = reduce_point(ratio, test.mesh, state.mesh(test.mesh, frame="model"), task)
     said = [*row.remarks, *once.remarks, *wall.remarks, *about]
     said += without_places(test.places, test.mesh, reduced)
@@ -97,6 +99,7 @@ def run_point(test: PspTest, row: PointRow) -> PointOutcome:
     if not np.isfinite(stream.mach):
         said.append(f"no Mach number is given to test the pressures by: p_inf and q_inf are those of Mach "
                     f"{g3(mach_of(stream))}")  # fmt: skip
+    said += contradiction_words(row.contradiction, row.p_inf, row.q_inf)
     if (flicker := test.project.radiometry.lamp_flicker) is not None and ratio.flicker > flicker:
         said.append(f"the lamps flicker by {g2(100 * ratio.flicker)} % from picture to picture, which counts, and by "
                     f"{g2(100 * flicker)} % by radiometry.lamp_flicker")  # fmt: skip

@@ -52,6 +52,7 @@ class PointRecord:
     pictures_used : wind-on and wind-off pictures that count
     seen : part of the grid's nodes with a Cp
     median_sigma_cp : over these
+    contradiction_cp : part of it that is there because Mach, p_inf and q_inf contradict each other
     flicker, systematic : of the lamps (NaN: nothing says it), and by which cameras differ, see `MergedRatio`
     apart : of each two cameras, see `CamerasApart`
     scatter : of the pictures of each camera and kind
@@ -77,6 +78,7 @@ class PointRecord:
     pictures_used: tuple[int, int] = (0, 0)
     seen: float = 0.0
     median_sigma_cp: float = float("nan")
+    contradiction_cp: float = 0.0
     flicker: float = float("nan")
     systematic: float = float("nan")
     fit: Mapping[str, float] = field(default_factory=dict)
@@ -121,8 +123,9 @@ def record_of(row: PointRow, pictures: Mapping[str, str], done: PointOutcome) ->
         row.name, row.alpha_deg, pictures, REDUCED, "", (*reduced.remarks, *troubles), done.alpha_seen_deg,
         float(np.median([*done.on.rms_px, *done.off.rms_px])), (counts[0], counts[1]),
         float((known & used).sum() / max(int(used.sum()), 1)),
-        float(np.median(reduced.cp.sigma[known])), reduced.merged.flicker, reduced.merged.systematic,
-        _fit(reduced.in_situ), loads, shown_areas(reduced.mesh, reduced.ratio.known), causes,
+        float(np.median(reduced.cp.sigma[known])),
+        abs(row.contradiction) * row.p_inf / row.q_inf / np.sqrt(3), reduced.merged.flicker, reduced.merged.systematic,
+        _fit(reduced.in_situ), loads, shown_areas(reduced.mesh, reduced.shown), causes,
         reduced.taps,
         tuple(_section(s, reduced.taps, without) for s in reduced.sections),
         (*done.on.followed, *done.off.followed), reduced.merged.apart,
@@ -148,8 +151,15 @@ def _fit(fit: InSitu | None) -> dict[str, float]:
         "taps": int(fit.used.sum()), "slope": slope, "slope_free": float(fit.free == "both"),
         "offset_Pa": float(fit.coefficients[0] - fit.center),
         "rms_Pa": fit.rms, "leave_one_out_rms_Pa": fit.loo_rms, "scatter_Pa": fit.scatter,
-        "noise_Pa": fit.noise,
+        "noise_Pa": fit.noise, **_moved(fit),
     }  # fmt: skip
+
+
+def _moved(fit: InSitu) -> dict[str, float]:
+    """By how much the fit moves the paint's own pressure, and by how much it may where both are right."""
+    (_, offset_sigma), (_, slope_sigma) = fit.moved
+    sigmas = {"offset_sigma_Pa": offset_sigma, "slope_sigma": slope_sigma}
+    return {key: value for key, value in sigmas.items() if np.isfinite(value)}
 
 
 def load_columns(records: list[PointRecord]) -> dict[str, NDArray]:

@@ -17,11 +17,13 @@ from windmark.pipeline.deform.frames import files_of
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.psp.bits import Bits, DarkLevel
 from windmark.pipeline.psp.entries import CAMERA
+from windmark.pipeline.psp.flats import clipped_part
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.response import OddResponse, odd_response
 from windmark.pipeline.psp.table import PointRow
 from windmark.pipeline.same_picture import content_of, first_of
 from windmark.pipeline.settings import existing
+from windmark.scene import Mesh
 from windmark.tasks.deform.task import Station
 
 Array = NDArray[np.float64]
@@ -44,6 +46,7 @@ class CameraSensor:
     contents : of its dark and flat pictures, see `same_picture.content_of` -> their names in words
     dark : how the levels of its dark pictures are stored; None without
     odd : what the noise of its pictures says against them, see `odd_response`; None where it says nothing
+    flat_clipped : part of the model's pixels that are saturated in its flat pictures, see `flats.clipped_part`
     """
 
     model: SensorModel
@@ -53,6 +56,7 @@ class CameraSensor:
     contents: Mapping[bytes, str] = field(default_factory=dict)
     dark: DarkLevel | None = None
     odd: OddResponse | None = None
+    flat_clipped: float = 0.0
 
 
 def pictures_named(project: PspProject, pattern: str, camera: str) -> list[io.PictureFile]:
@@ -60,9 +64,12 @@ def pictures_named(project: PspProject, pattern: str, camera: str) -> list[io.Pi
     return files_of(project.path.parent / pattern.replace(CAMERA, camera))
 
 
-def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence[PointRow]) -> CameraSensor:
+def read_sensor(
+    project: PspProject, name: str, station: Station, rows: Sequence[PointRow], mesh: Mesh
+) -> CameraSensor:
     """The sensor of a camera from its dark and flat pictures, and its gain from pictures of one scene.
 
+    ``mesh``: the model at rest, which flat pictures must show unsaturated.
     Where the project does not say the gain, the scatter of several flat pictures does or, where an even field tells too
     little, that of the first points' wind-off pictures.
 
@@ -90,7 +97,9 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
     odd = None if seen is None or seen[0] is None else odd_response(seen[0], noise)
     linearity = None if how.linearity is None else read_linearity(named_file(project, "linearity", name))
     sensor = SensorModel(dark, saturation, gain, read_variance, dark_variance, linearity=linearity, dead=dead)
+    clipped = 0.0
     if flats is not None:
+        clipped = clipped_part(flats, sensor, station, mesh)
         try:
             flat, flat_variance, bad = mean_flat(flats, sensor)
         except DataError as error:
@@ -98,7 +107,8 @@ def read_sensor(project: PspProject, name: str, station: Station, rows: Sequence
         bad = bad if dead is None else bad | dead
         sensor = replace(sensor, flat=flat, flat_variance=flat_variance, dead=bad)
     return CameraSensor(
-        sensor, source, tuple(remarks), how.dark is not None or how.black is not None, contents, stored, odd
+        sensor, source, tuple(remarks), how.dark is not None or how.black is not None, contents, stored, odd,
+        clipped,
     )  # fmt: skip
 
 

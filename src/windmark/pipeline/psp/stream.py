@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from windmark.errors import UsageError
+from windmark.errors import UsageError, g2
 
 PRESSURE = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3, "bar": 1e5, "psf": 47.880259, "psi": 6894.757293}
 """Pascals of the units that columns of pressures may be in."""
@@ -26,6 +26,8 @@ KEYS = tuple(_WORDS)
 """Of a row, all that may be said of the stream."""
 DIFFERS, DIFFERS_DEG = 1e-3, 0.01
 """Two that say a quantity differ beyond rounding: by this part of it, or so many degrees."""
+ROUNDED = 1e-4
+"""Part by which q_inf and 0.7 M^2 p_inf may differ because the table's numbers are rounded."""
 FROZEN_K = 50.0
 """Air is solid below: a temperature that says so has another unit."""
 
@@ -96,3 +98,26 @@ def joined(said: Sequence[tuple[str, Mapping[str, float]]]) -> tuple[dict[str, f
         words += [f"{in_words(key)} is {in_words(key, counts)} by {first}, which counts, and {in_words(key, value)} "
                   f"by {who}" for who, value in others if differs(key, counts, value)]  # fmt: skip
     return out, tuple(words)
+
+
+def dynamic_pressure(mach: float, p_inf: float) -> float:
+    """Of air at a Mach number and static pressure, in the unit of that."""
+    return 0.7 * mach**2 * p_inf
+
+
+def contradiction(mach: float, p_inf: float, q_inf: float, sigma_p: float, sigma_q: float) -> float:
+    """Part by which 0.7 M^2 p_inf differs from q_inf: 0 without a Mach number, within rounding and within sigmas."""
+    if not np.isfinite(mach):
+        return 0.0
+    part = dynamic_pressure(mach, p_inf) / q_inf - 1
+    sigma = float(np.hypot(np.nan_to_num(sigma_p) / p_inf, np.nan_to_num(sigma_q) / q_inf))
+    return 0.0 if abs(part) <= max(ROUNDED, 2 * sigma) else part
+
+
+def contradiction_words(part: float, p_inf: float, q_inf: float) -> list[str]:
+    """What is said of a `contradiction` beyond `DIFFERS`; less is in the sigma alone."""
+    if not abs(part) > DIFFERS:
+        return []
+    return [f"Mach, p_inf and q_inf contradict each other by {g2(100 * abs(part))} %, and the sigma of all nodes has "
+            f"it: a p_inf that is so wrong makes {g2(abs(part) * p_inf / q_inf)} in Cp; correct the one that is wrong, "
+            "give Mach with all its digits, or leave it out where it is nominal"]  # fmt: skip

@@ -15,7 +15,7 @@ from windmark.errors import DataError, WindmarkError
 from windmark.io.csvtable import Table
 from windmark.paint import TunnelConditions
 from windmark.pipeline.psp.columns import check_columns, check_units, in_unit, temperatures
-from windmark.pipeline.psp.stream import FROZEN_K, PRESSURE, TEMPERATURE, joined
+from windmark.pipeline.psp.stream import FROZEN_K, PRESSURE, TEMPERATURE, contradiction, dynamic_pressure, joined
 from windmark.pipeline.psp.wtd import read_wtd
 from windmark.pipeline.settings import unusable_name
 
@@ -109,6 +109,11 @@ class PointRow:
                 out[reference_kind(name, part)] = part.channels.get(name, "") if name else part.pattern
         return out
 
+    @property
+    def contradiction(self) -> float:
+        """See `stream.contradiction`."""
+        return contradiction(self.mach, self.p_inf, self.q_inf, self.sigma_p, self.sigma_q)
+
     def conditions(self) -> TunnelConditions:
         """The stream.
 
@@ -123,17 +128,33 @@ class PointRow:
         for what, value in needed.items():
             if not np.isfinite(value) and not (self.own and what == "p_off"):
                 raise DataError(f"{what} is missing in the table of points (line {self.line})")
-        if np.isfinite(self.mach):
-            by_mach = 0.7 * self.mach**2 * self.p_inf
-            if not abs(by_mach / self.q_inf - 1) < MIXED:
-                raise DataError(
-                    f"q_inf is {self.q_inf:g} Pa, but Mach {self.mach:g} and p_inf {self.p_inf:g} Pa give {by_mach:g} "
-                    f"Pa: units are mixed, or a cell is wrong (line {self.line} of the table of points)"
-                )
+        self._check_wind()
+        for what, value in (("T0", self.t_0), ("T_off", self.t_off)):
+            if value <= FROZEN_K:
+                raise DataError(f"{what} is {value:g} K, expected above {FROZEN_K:g} K: is it in the unit of its "
+                                f"name? (line {self.line} of the table of points)")  # fmt: skip
+        if not abs(self.contradiction) < MIXED:
+            by_mach = dynamic_pressure(self.mach, self.p_inf)
+            raise DataError(
+                f"q_inf is {self.q_inf:g} Pa, but Mach {self.mach:g} and p_inf {self.p_inf:g} Pa give {by_mach:g} "
+                f"Pa: units are mixed, or a cell is wrong (line {self.line} of the table of points)"
+            )
         cov = np.diag([np.nan_to_num(self.sigma_p) ** 2, np.nan_to_num(self.sigma_q) ** 2])
+        # One of the three is wrong, and nothing says which: as if each were it in a third of all cases.
+        cov += np.diag([self.p_inf, self.q_inf]) ** 2 * self.contradiction**2 / 3
         return TunnelConditions(
             self.p_inf, self.q_inf, cov if cov.any() else None, mach=self.mach, t_0=self.t_0
         )  # fmt: skip
+
+    def _check_wind(self) -> None:
+        """Refuse what no stream has, a row without wind among it: Cp is a pressure over q_inf."""
+        where = f"(line {self.line} of the table of points)"
+        if self.p_inf <= 0:
+            raise DataError(f"p_inf is {self.p_inf:g} Pa: expected an absolute pressure, above 0 {where}")
+        for what, value, unit in (("q_inf", self.q_inf, " Pa"), ("Mach", self.mach, "")):
+            if value <= 0:
+                raise DataError(f"{what} is {value:g}{unit}: nothing has a Cp without wind; leave a tare point out of "
+                                f"the table, or correct the cell {where}")  # fmt: skip
 
 
 def reference_kind(colour: str, part: ReferencePart | None = None) -> str:

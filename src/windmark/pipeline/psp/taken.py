@@ -24,6 +24,7 @@ class Taken:
     why : it cannot be used, "" where it can
     content : see `same_picture.content_of`
     copy : it is the same picture as another one of its kind, and does not count
+    key : the number that pairs it with those of other cameras (`deform.names.key_of_file`)
     """
 
     name: str
@@ -34,6 +35,7 @@ class Taken:
     why: str = ""
     content: bytes = b""
     copy: bool = False
+    key: str = ""
 
 
 def said(kind: str, camera: str, picture: Taken) -> str:

@@ -23,7 +23,7 @@ from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.pipeline.verdict.wanted import valueless_findings
-from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING
+from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING, UNFIT
 
 
 def psp_verdict(
@@ -53,7 +53,7 @@ def psp_verdict(
     found += followed_findings([replace(f, key=f"{f.key} of {r.name}") for r in good for f in r.followed], unit)
     found += further
     for r in good:
-        said = (*_missing(r, sections), *_states(r), *_taps(r), *_wall(r), *_calibrated(r), *_light(r))
+        said = (*_missing(r, sections), *_states(r), *_taps(r), *_wall(r), *_stream(r), *_calibrated(r), *_light(r))
         found += [f.at(r.name) for f in said]
     sigma, shown = middle([r.median_sigma_cp for r in good]), min(r.shown.get("all", 1.0) for r in good)
     return Verdict.of(
@@ -147,6 +147,7 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
             "check that the taps' readings are of this point and their names at their places; then lamps and flat "
             "pictures",
         )
+    yield from _contradicted(r)
     # Taps that agree within their sigmas leave no scatter: what the fit leaves of those in it is the measure then.
     within = max(r.fit["scatter_Pa"], r.fit["rms_Pa"]) if r.fit else np.inf
     if r.taps is not None and r.fit and r.fit["leave_one_out_rms_Pa"] > rules.LEFT_OUT_TIMES * within:
@@ -156,6 +157,44 @@ def _taps(r: PointRecord) -> Iterator[Finding]:
             f"taps left out of the fit are off by {g3(r.fit['leave_one_out_rms_Pa'])} Pa, those in it by "
             f"{g3(r.fit['rms_Pa'])} Pa",
             "look for blocked taps",
+        )
+
+
+def _contradicted(r: PointRecord) -> Iterator[Finding]:
+    """A fit that moves the paint's own pressure by more than paint and taps may be off: a scatter does not show it.
+
+    What the paint's sigmas do not contain (`UNFIT`) has the last word of neither.
+    """
+    if not r.fit or any(said.startswith((UNFIT, EXTRAPOLATED)) for said in r.remarks):
+        return
+    for words, value, sigma, unit, share in (
+        ("read", r.fit.get("offset_Pa", np.nan), r.fit.get("offset_sigma_Pa", np.nan), "Pa",
+         "the reference pressure (barometer)"),
+        ("change by", 100 * (r.fit.get("slope", np.nan) - 1), 100 * r.fit.get("slope_sigma", np.nan), "%",
+         "the span of the scanner"),
+    ):  # fmt: skip
+        if abs(value) > rules.CONTRADICTED * sigma:
+            yield Finding(
+                DOUBTFUL,
+                "taps",
+                f"the taps {words} {g3(abs(value))} {unit} {'more' if value > 0 else 'less'} than the paint's own "
+                f"calibration says, {g2(abs(value) / sigma)} times what both leave open: the pressure is fitted to the "
+                "taps, and what is wrong with all of them alike is in it and in no sigma",
+                f"check {share} of the taps; p_off, T_off and T0; lamps that changed after wind-off. in_situ = "
+                '"compare" shows the paint by itself',
+            )
+            return
+
+
+def _stream(r: PointRecord) -> Iterator[Finding]:
+    """Mach, p_inf and q_inf that contradict each other by more than all else leaves open of Cp."""
+    if 2 * r.contradiction_cp**2 > r.median_sigma_cp**2:
+        yield Finding(
+            DOUBTFUL,
+            "units",
+            f"Mach, p_inf and q_inf of the table contradict each other, which makes {g2(r.contradiction_cp)} of the "
+            f"{g2(r.median_sigma_cp)} in sigma(Cp)",
+            "correct the one that is wrong; give Mach with all its digits, or leave it out where it is nominal",
         )
 
 
@@ -225,6 +264,22 @@ def black_findings(cameras: Sequence[str]) -> list[Finding]:
             "pictures nor radiometry.black are given",
             "take dark pictures, or say radiometry.black (0 where the camera takes it off itself)",
         )
+    ]
+
+
+def flat_findings(clipped: Mapping[str, float], most: float) -> list[Finding]:
+    """Of cameras with flat pictures that are saturated on more than a part of the model's pixels."""
+    step = "take flat pictures with a shorter exposure or less light, none of them saturated on the model"
+    return [
+        Finding(
+            DOUBTFUL,
+            "saturated",
+            f"the flat pictures of {camera} are saturated on {g2(100 * part)} % of the pixels that show the model: "
+            "what these show has no value",
+            step,
+        )
+        for camera, part in clipped.items()
+        if part > most
     ]
 
 

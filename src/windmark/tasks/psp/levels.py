@@ -81,16 +81,17 @@ class Level:
 def levels_of(part: Reference, how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str]) -> dict[str, Level]:
     """Of each camera that has pictures."""
     left_out.update({p.name: p.why for p in part.bad})
-    out = {}
+    out, widths = {}, sorted({p.moves.shape[2] for p in part.pictures})
     for name in dict.fromkeys(p.camera for p in part.pictures):
         lost = sum(p.camera == name for p in part.bad)
-        out[name] = _level([p for p in part.pictures if p.camera == name], how, lamps, left_out, lost)
+        out[name] = _level([p for p in part.pictures if p.camera == name], how, lamps, left_out, lost, widths)
     return out
 
 
 def _level(
-    pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str], lost: int
-) -> Level:
+    pictures: Sequence[ModelPicture], how: Sampling, lamps: Sequence[Lamp], left_out: dict[str, str], lost: int,
+    widths: Sequence[int],
+) -> Level:  # fmt: skip
     samples = [_in_even_light(sample_picture(p, how, straight=True), p, lamps) for p in pictures]
     values, noise = np.stack([s.value for s in samples]), np.stack([s.variance - s.lasting for s in samples])
     mean = average_frames(values, noise, lost=lost)
@@ -98,8 +99,7 @@ def _level(
         raise DataError(f"the pictures of camera {pictures[0].camera} contradict each other: {mean.reason}")
     left_out.update({p.name: why for p, why, used in zip(pictures, mean.reasons, mean.used, strict=True) if not used})
     used = np.flatnonzero(mean.used)
-    # Each picture has a state of its own: errors of the mean are those of one, smaller by the root of their number.
-    columns = np.mean([samples[k].columns for k in used], axis=0) / np.sqrt(len(used))
+    columns = _mean_columns([samples[k].columns for k in used], widths)
     weight = np.min([samples[k].weight for k in used], axis=0)
     planes = [p for p in (samples[k].planes for k in used) if p is not None]
     cells = mean_cells(planes, samples[used[0]].xy, mean.excess) if planes else None
@@ -112,6 +112,21 @@ def _level(
     return Level(mean.value, mean.variance + lasting, columns, weight, there, (mean.light[used],),
                   1 / len(used), np.isfinite(mean.value).astype(float), cells,
                  () if apart is None else (apart,))  # fmt: skip
+
+
+def _mean_columns(columns: Sequence[Array], widths: Sequence[int]) -> Array:
+    """(V, sum of ``widths``) errors of a mean of pictures by those of each (V, F), F one of ``widths``.
+
+    Each picture has a state of its own: errors of the mean are those of one, smaller by the root of their number.
+    States that leave another number of directions open (a camera is missing, a part of the model is not seen) have
+    columns of their own, the same for all cameras.
+    """
+    out = []
+    for width in widths:
+        own = [c for c in columns if c.shape[1] == width]
+        part = len(own) / len(columns)
+        out.append(part * np.mean(own, axis=0) / np.sqrt(len(own)) if own else np.zeros((len(columns[0]), width)))
+    return np.concatenate(out, axis=1)
 
 
 def together(parts: Sequence[tuple[float, Level]], some: bool) -> Level:
@@ -131,11 +146,14 @@ def together(parts: Sequence[tuple[float, Level]], some: bool) -> Level:
 
     columns = np.concatenate([s[:, None] * np.nan_to_num(of.columns) for s, of in zip(share, levels, strict=True)], 1)
     weight = np.min([np.where(s != 0, of.weight, np.inf) for s, of in zip(share, levels, strict=True)], axis=0)
+    # Whether it has a value there or not: what pictures show without one is a hole, and no side that they do not show.
+    least = np.max([of.weight for of in levels], axis=0) if some else np.min([of.weight for of in levels], axis=0)
+    lamps = np.where(on, total([of.lamps for of in levels]), np.mean([of.lamps for of in levels], axis=0))
     even = np.array([s for s, _ in parts]) / sum(s for s, _ in parts)
     cells = [of.cells for of in levels if of.cells is not None]
     return Level(
         total([of.value for of in levels]), total([of.variance for of in levels], share**2), columns,
-        np.where(on, weight, 0.0), total([of.lamps for of in levels]), tuple(g for of in levels for g in of.light),
+        np.where(on, weight, least), lamps, tuple(g for of in levels for g in of.light),
         float(sum(s**2 * of.inverse for s, of in zip(even, levels, strict=True))), known.sum(axis=0).astype(float),
         joined_cells(cells, share) if len(cells) == len(levels) else None,
         tuple(s for of in levels for s in of.scatter),

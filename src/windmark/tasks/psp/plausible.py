@@ -37,6 +37,9 @@ LACKING = "no pressure where cameras show the surface: "
 UNCHECKED = "nothing checks the level of the pressure: "
 """Begins what is said of a point without taps that count."""
 
+UNFIT = f"{UNCHECKED}it is that of the taps, "
+"""Begins what is said where the paint's own pressure cannot contradict a fit to taps."""
+
 
 def mach_of(stream: TunnelConditions) -> float:
     """The stream's Mach number, or what q and p say of it where none is given."""
@@ -105,6 +108,17 @@ def unchecked_level(
         return words
     slope = law.invert(ratio.value[on], temperature.value[on], p_off=p_off, t_off=t_off).by_ratio * ratio.value[on]
     return f"{words}: 1 % of the light is {g2(0.01 * float(np.nanmedian(np.abs(slope))) / stream.q_inf)} in Cp"
+
+
+def fitted_level(law: SternVolmer | TunnelGain, flicker: float) -> list[str]:
+    """Why a fit to taps is not compared with the paint's own pressure: a sigma of that lacks something; else nothing.
+
+    ``flicker`` of the lamps, NaN where nothing says it.
+    """
+    lacks = [words for words, missing in (("its calibration is taken as exact", law.cov is None),
+                                          ("no sigma has the lamps' flicker", bool(np.isnan(flicker)))) if missing]
+    return [f"{UNFIT}and the paint by itself cannot contradict what all of them share (reference pressure, span): "
+            f"{' and '.join(lacks)}"] if lacks else []  # fmt: skip
 
 
 def lacking(ratio: NodeField, prior: PressureMap, temperature: NodeField) -> list[str]:

@@ -60,6 +60,7 @@ class MergedRatio:
     scatter : of the pictures of each camera and kind
     self_lit : what taking off the light that the model throws on itself changed; None where that was not asked for
     unlit : (V,) nodes without a value because they have next to no light wind-off
+    shown : (V,) nodes that a camera shows with wind and without, and lamps light, whether they have a value or not
     """
 
     ratio: NodeField
@@ -72,6 +73,7 @@ class MergedRatio:
     apart: tuple[CamerasApart, ...] = ()
     scatter: tuple[Scatter, ...] = ()
     unlit: Mask = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    shown: Mask = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
 
 def ratio_of(
@@ -126,6 +128,8 @@ def ratio_of(
     }  # fmt: skip
     whole = levels[WIND_OFF]
     levels[WIND_OFF], unlit = without_unlit(whole, how, on[0].mesh)
+    # Markers on unlit surface are not called so, but no more of it is shown than of the paint round them.
+    dark = _some_value(whole) & ~_some_value(levels[WIND_OFF])
     flicker, factor = _flicker(levels, flicker)
     fields = {kind: _as_fields(of, kind) for kind, of in levels.items()}
     cameras = {}
@@ -158,7 +162,18 @@ def ratio_of(
         ratio, change = own_light(ratio, lights, tapers, reflecting, (WIND_OFF, WIND_ON))
     scatter = tuple(s for of in levels.values() for level in of.values() for s in level.scatter)
     return MergedRatio(ratio, cameras, merged.source, merged.systematic, flicker, left_out, change, merged.apart,
-                       scatter, unlit)  # fmt: skip
+                       scatter, unlit, _shown(levels, names) & ~dark)  # fmt: skip
+
+
+def _shown(levels: Mapping[str, Mapping[str, Level]], names: Sequence[str]) -> Mask:
+    """(V,) nodes that one of the cameras shows in pictures of all kinds and that the lamps light there."""
+    return np.any([np.all([(of[name].weight > 0) & np.isfinite(of[name].lamps) for of in levels.values()], axis=0)
+                   for name in names], axis=0)  # fmt: skip
+
+
+def _some_value(of: Mapping[str, Level]) -> Mask:
+    """(V,) nodes of which a camera has a value."""
+    return np.any([np.isfinite(level.value) for level in of.values()], axis=0)
 
 
 def _as_parts(off: Sequence[ModelPicture] | Iterable[Reference]) -> Iterable[Reference]:

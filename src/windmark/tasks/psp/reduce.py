@@ -22,12 +22,13 @@ from windmark.paint import (
     thermocouple_temperature,
     varying,
 )
+from windmark.paint.filling import stranded
 from windmark.scene import Mesh
 from windmark.tasks.psp.cuts import SectionLoads, SectionWanted, SurfaceSection, cut_sections, part_words, section_loads
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
-from windmark.tasks.psp.loads import seen_loads
+from windmark.tasks.psp.loads import between_incidences, hole_words, seen_loads
 from windmark.tasks.psp.patching import patched
-from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, lacking, unchecked_level
+from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, fitted_level, lacking, unchecked_level
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
 from windmark.tasks.psp.unlit import unlit_words
@@ -67,6 +68,7 @@ class PointTask:
     reference : of the loads; None: none are wanted
     least_seen : see `integrate_loads`
     sections : cuts that are wanted
+    alpha_apart_deg : by how much the incidence of the loads' axes differs from what the pictures show
     """
 
     name: str
@@ -87,6 +89,7 @@ class PointTask:
     polygons: tuple[Array, ...] = ()
     temperature: NodeField | None = None
     steady: NodeField | None = None
+    alpha_apart_deg: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +108,7 @@ class ReducedPoint:
     taps : paint against taps; None without
     loads : of the seen side; None where none were wanted, or ``remarks`` say why
     sections : Cp along cuts
+    shown : (V,) nodes of the sides that cameras show, those without a value among them
     remarks : what is to be said of the point
     section_loads : of the same cuts
     """
@@ -122,6 +126,7 @@ class ReducedPoint:
     taps: TapTable | None
     loads: Loads | None
     sections: tuple[SurfaceSection, ...]
+    shown: Mask
     remarks: tuple[str, ...] = ()
     section_loads: tuple[SectionLoads, ...] = ()
 
@@ -148,6 +153,9 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
     remarks: list[str] = [f"{name} does not count: {why}" for name, why in merged.left_out.items()]
     remarks += unlit_words(rest, merged.unlit, merged.ratio.known)
     ratio, filled = patched(rest, merged.ratio, task.patches, task.polygons, remarks)
+    shown = ratio.known | merged.shown if merged.shown.any() else ratio.known
+    if merged.unlit.any():  # what lacks a value amid unlit surface is as little shown as that
+        shown &= ~stranded(rest, ratio, shown & ~ratio.known)
     temperature = _temperature(rest, ratio.known, task, remarks)
     prior = _pressure(ratio, temperature, task)
     if not prior.field.known.any():
@@ -162,17 +170,22 @@ def reduce_point(merged: MergedRatio, rest: Mesh, mesh: Mesh, task: PointTask) -
         taps = in_cp(taps, task.taps, task.conditions, cp, filled, rest)
     if taps is None or not taps.counting.any():
         remarks.append(unchecked_level(task.law, ratio, temperature, task.p_off, task.t_off, task.conditions))
+    elif fit is not None:
+        remarks += fitted_level(task.law, merged.flicker)
     axes = LoadReference(1.0, 1.0, 1.0) if task.reference is None else task.reference
     taps_at = None if task.taps is None else task.taps.xyz
     sections = cut_sections(rest, cp, task.sections, axes, taps_at, remarks)
-    along = section_loads(rest, cp, task.sections, axes, seen=ratio.known)
+    along = section_loads(rest, cp, task.sections, axes, seen=shown)
     remarks += part_words(along)
     loads = None
     if task.reference is not None:
-        loads = seen_loads(mesh, cp, task.reference, task.least_seen, remarks, seen=ratio.known)
+        remarks += hole_words(mesh, shown, ratio.known)
+        loads = seen_loads(mesh, cp, task.reference, task.least_seen, remarks, seen=shown)
+        if loads is not None:
+            loads = between_incidences(loads, task.reference, task.alpha_apart_deg, remarks)
     return ReducedPoint(
         task.name, mesh, ratio, temperature, pressure, cp, prior.flags, filled, merged, fit, taps, loads, sections,
-        tuple(remarks), along,
+        shown, tuple(remarks), along,
     )  # fmt: skip
 
 
