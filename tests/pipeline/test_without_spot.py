@@ -1,11 +1,13 @@
 """Markers without a spot: what must be in view, what its own sigma or the user's word explains, and what is odd."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.locate import _expected
 from windmark.pipeline.verdict.registered import Sighting, registered_findings
 from windmark.registration import register
 from windmark.scene import Detections, MarkerSet
@@ -69,3 +71,12 @@ def test_what_is_within_the_sigma_of_its_spot_is_no_contradiction(markers):
 
     assert said(1.0) == []
     assert said(0.1) == ["marker"]
+
+
+def test_markers_seen_at_a_grazing_angle_are_not_expected():
+    """The detector finds discs at up to 72 degrees; a normal that is not known says nothing."""
+    tilt = np.radians([0.0, 60.0, 70.0, 75.0, 85.0, 100.0])
+    normal = np.stack([np.sin(tilt), 0 * tilt, np.cos(tilt)], axis=1)
+    markers = MarkerSet.make([f"m{i}" for i in range(7)], np.zeros((7, 3)), normal=np.vstack([normal, [[np.nan] * 3]]))
+    there = SimpleNamespace(camera=CAMERA, cam_from_model=Pose.look_at([0.0, 0.0, 6.0], [0, 0, 0], [0.0, 1.0, 0.0]))
+    assert _expected(markers, there, None).tolist() == [0, 1, 2, 6]
