@@ -21,6 +21,7 @@ from windmark.pipeline.quantity import Quantity, quantity_of
 from windmark.pipeline.results import ImageResult
 from windmark.registration import Registration
 from windmark.scene import Detections, MarkerSet, Mesh
+from windmark.scene.fill import without_fill
 from windmark.tasks.labels import excluded_spots, fixed_spots
 from windmark.tasks.sight import UNDER_GRID, sight
 from windmark.tasks.unexplained import unexplained
@@ -87,7 +88,8 @@ def opened(entry: ImageEntry, inputs: Inputs, clock: Clock) -> ImageResult:
         with clock("read image"):
             page = {} if entry.page is None else {"page": entry.page}
             image = io.read_grey(entry.file, channel=entry.channel, bayer=entry.bayer, **page)
-        result = replace(result, image=image, quantity=_quantity(entry, image))
+        image, filled = without_fill(image)
+        result = replace(result, image=image, quantity=_quantity(entry, image), filled=filled)
         _check_size(image, camera, entry)
     except WindmarkError as error:
         result = replace(result, problem=str(error))
