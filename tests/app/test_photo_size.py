@@ -55,3 +55,10 @@ def test_what_is_seen_to_be_too_large_is_not_packed_whole(monkeypatch):
     packed.clear()
     assert preview(image, MOST) == (url, size)
     assert packed[0] == (1000, 800)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [(8, 6), (1, 1), (640, 480)])
+def test_a_view_of_a_few_pixels_has_its_scale_bar(size):
+    """The part of it that the bar covers was none of its pixels."""
+    assert ">" in photo.scale_bar(size, 0.5, "mm", np.ones(size[::-1], bool))

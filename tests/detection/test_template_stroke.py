@@ -69,6 +69,16 @@ def test_centres_of_crossed_markers_are_as_good_as_their_covariance(photometry):
     assert 0.4 < 1.4826 * np.median(np.abs(z)) < 1.6
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("power", [-110, 100])
+def test_the_unit_of_the_grey_levels_does_not_matter(power):
+    """Squares of 1e-30 are nothing in floats of 32 bits, and those of 1e30 have no end."""
+    image, xy = crossed(1, lines=8)
+    plain, other = (refine_template(part, xy, 3.2, robust=True) for part in (image, np.ldexp(image, power)))
+    assert plain.crossed.any()
+    np.testing.assert_allclose(other.xy, plain.xy, atol=1e-6)
+
+
 def test_markers_without_line_are_left_alone():
     image, xy = crossed(9, lines=0)
     robust, plain = (refine_template(image, xy, 3.2, robust=r) for r in (True, False))

@@ -10,6 +10,7 @@ import stat
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ from windmark.io import (
     atomic,
     atomic_folder,
     atomic_path,
+    atomic_paths,
     atomic_write,
+    try_paths,
     write_image,
     write_images,
     write_json,
@@ -311,3 +314,20 @@ def test_ctrl_c_in_the_middle_of_a_long_table(tmp_path):
     assert b"KeyboardInterrupt" in errors
     assert path.read_text() == OLD
     assert names(tmp_path) == ["t.csv"]
+
+
+def test_two_outputs_of_one_name_are_refused(tmp_path):
+    one, same = tmp_path / "d.csv", tmp_path / "sub" / ".." / "d.csv"
+    (tmp_path / "sub").mkdir()
+    for paths in ([one, one], [one, same]):
+        with pytest.raises(FileError, match="two outputs have this name"):
+            try_paths(paths)
+        with pytest.raises(FileError, match="two outputs have this name"), atomic_paths(paths):
+            pass
+    assert not one.exists()
+    try_paths([one, tmp_path / "e.csv"])
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no such device")
+def test_a_device_takes_two_outputs():
+    try_paths([Path(os.devnull), Path(os.devnull)])

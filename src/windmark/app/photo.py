@@ -268,8 +268,10 @@ def scale_bar(size_px: tuple[int, int], units_per_px: float, unit: str, valid: N
     places = [(x, y) for y in (0.96 * height, 0.08 * height) for x in (0.03 * width, 0.97 * width - pixels)]
 
     def covered(place: tuple[float, float]) -> float:
-        x, y = map(int, place)
-        return float(valid[max(y - height // 12, 0) : y + height // 50, max(x, 0) : int(x + pixels)].mean())
+        x, y = max(int(place[0]), 0), int(place[1])
+        # Of a view of a few pixels it covers one at least.
+        rows = slice(max(y - height // 12, 0), max(y + height // 50, y + 1))
+        return float(valid[rows, x : max(int(place[0] + pixels), x + 1)].mean())
 
     x, y = min(places, key=covered)
     return (f'<path class="residual" style="stroke-width: 4" d="M{x:.1f} {y:.1f}h{pixels:.1f}"/>'

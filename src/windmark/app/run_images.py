@@ -45,8 +45,8 @@ def image_part(
     """Everything on one image, within ``room``; ``shown``: its pixels, see `photo.greys`."""
     if item.problem:
         report.text(item.problem, "bad")
-    if item.said:
-        report.text(f"{item.said[0].upper()}{item.said[1:]}.")
+    for said in filter(None, (item.filled, item.said)):
+        report.text(f"{said[0].upper()}{said[1:]}.")
     if item.radius:
         report.text(item.radius.reason, "soft")
     if item.nodes is not None and item.values is not None:

@@ -126,7 +126,7 @@ def _nothing(result: RunResult) -> bool:
 
 def image_line(item: ImageResult, result: RunResult) -> str:
     """One image in one line."""
-    parts = ([item.said] if item.said else []) + ([] if item.radius is None else [item.radius.reason])
+    parts = [said for said in (item.filled, item.said) if said] + ([] if item.radius is None else [item.radius.reason])
     if item.problem:
         return f"{item.name}: {'; '.join(dict.fromkeys([*parts, item.problem]))}"
     answer = item.registered

@@ -80,8 +80,10 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[A
 def atomic_paths(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
     """`atomic_path` for several files that belong together: none of them changes before all are written.
 
-    Gives the temporary name of each.
+    Gives the temporary name of each. Raises `FileError` where two of them are one file: one would replace the other.
     """
+    paths = list(paths)
+    _refuse_twice(paths)
     with ExitStack() as stack:
         places = {path: stack.enter_context(atomic_path(path)) for path in paths}
         try:
@@ -114,8 +116,10 @@ def try_paths(paths: Iterable[Path], say: Say = silent) -> None:
     Raises
     ------
     FileError
-        For the first one that cannot, with the reason.
+        For the first one that cannot, with the reason; where two of them are one file.
     """
+    paths = list(paths)
+    _refuse_twice(paths)
     targets = {path: _checked_target(path) for path in paths}
     for folder in dict.fromkeys(target.parent for target in targets.values()):
         for file in left_behind(folder):
@@ -124,6 +128,16 @@ def try_paths(paths: Iterable[Path], say: Say = silent) -> None:
         if not os.path.exists(target) or target.is_file():
             with writing(path, target, target.with_name(PREFIX)):
                 making(target).release()
+
+
+def _refuse_twice(paths: Iterable[Path]) -> None:
+    """Refuse two outputs of one name, by whatever way it is written; a device is not replaced and takes both."""
+    seen: set[Path] = set()
+    for path in paths:
+        target = resolved(path)
+        if target in seen and (target.is_file() or not os.path.exists(target)):
+            raise FileError(path, "two outputs have this name, and one would replace the other; expected two names")
+        seen.add(target)
 
 
 def _checked_target(path: str | os.PathLike[str]) -> Path:

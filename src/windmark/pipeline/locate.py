@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import detection, io, registration, resection
+from windmark.detection.family import GRAZING
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.at_pose import markers_at_pose
@@ -20,6 +21,7 @@ from windmark.pipeline.quantity import Quantity, quantity_of
 from windmark.pipeline.results import ImageResult
 from windmark.registration import Registration
 from windmark.scene import Detections, MarkerSet, Mesh
+from windmark.scene.fill import without_fill
 from windmark.tasks.labels import excluded_spots, fixed_spots
 from windmark.tasks.sight import UNDER_GRID, sight
 from windmark.tasks.unexplained import unexplained
@@ -86,7 +88,8 @@ def opened(entry: ImageEntry, inputs: Inputs, clock: Clock) -> ImageResult:
         with clock("read image"):
             page = {} if entry.page is None else {"page": entry.page}
             image = io.read_grey(entry.file, channel=entry.channel, bayer=entry.bayer, **page)
-        result = replace(result, image=image, quantity=_quantity(entry, image))
+        image, filled = without_fill(image)
+        result = replace(result, image=image, quantity=_quantity(entry, image), filled=filled)
         _check_size(image, camera, entry)
     except WindmarkError as error:
         result = replace(result, problem=str(error))
@@ -208,12 +211,14 @@ def _quantity(entry: ImageEntry, image: NDArray[np.generic]) -> Quantity:
 
 
 def _expected(markers: MarkerSet, answer: Registration, mesh: Mesh | None) -> NDArray[np.int64]:
-    """Markers that the camera must see: in the picture, facing it where the normal is known, not hidden by the grid."""
+    """Markers that the camera must see: in the picture, not hidden by the grid, and not seen at a grazing angle where
+    the normal is known: the detector finds discs at up to 72 degrees.
+    """
     tolerance = None if mesh is None else UNDER_GRID * mesh.sizes
     seen = resection.see_points(markers.xyz, answer.camera, answer.cam_from_model, mesh=mesh, tolerance=tolerance)
     sight = answer.cam_from_model.center - markers.xyz
-    away = np.sum(sight * markers.normal, axis=1) <= 0
-    return np.flatnonzero(seen.visible & answer.camera.in_image(seen.xy) & ~away)
+    grazing = np.sum(sight * markers.normal, axis=1) < GRAZING * np.linalg.norm(sight, axis=1)
+    return np.flatnonzero(seen.visible & answer.camera.in_image(seen.xy) & ~grazing)
 
 
 def _check_size(image: NDArray[np.generic], camera: Camera, entry: ImageEntry) -> None:

@@ -201,6 +201,8 @@ def image_summary(item: ImageResult, result: RunResult) -> Record:
         record["radius_estimate"] = item.radius.reason
     if item.detections is not None:
         record["spots"], record["polarity"] = len(item.detections), item.polarity
+    if item.filled:
+        record["filled"] = item.filled
     if item.said:
         record["polarity_decided"] = item.said
     answer = item.registered

@@ -93,7 +93,8 @@ class ImageResult:
     ``pose_cov`` is what the camera's file says of a pose that was known; a registration has its own.
     ``radius`` is the estimate that detection used where the project gives none; ``polarity`` that of the spots, and
     ``said`` what was decided about it. ``instant`` has the cameras of a rig with which it was registered.
-    ``image`` is as in the file; values, their 1 ``sigma``, views, sections and ``aligned`` are in ``quantity``.
+    ``image`` is as in the file, but for fill values, which are NaN and which ``filled`` names; values, their 1
+    ``sigma``, views, sections and ``aligned`` are in ``quantity``.
     ``at_pose`` is what it shows of the markers at a pose that was known.
     ``problem`` says in words why it went no further; None when all is well. ``left_out``: views and sections that are
     missing, with the reason.
@@ -125,6 +126,7 @@ class ImageResult:
     seconds: dict[str, float] = field(default_factory=dict)
     problem: str | None = None
     left_out: tuple[str, ...] = ()
+    filled: str = ""
 
     @property
     def registered(self) -> Registration | None:

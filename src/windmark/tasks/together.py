@@ -27,6 +27,9 @@ CHECKED = 2
 OF_ALL = ("scale", "mirror", "copy", "bending")
 """What is unchecked of the model, not of one camera."""
 
+EACH = ("fixed", "excluded", "tolerance_px")
+"""Options that a rig's registration tells of each camera."""
+
 
 @dataclass(frozen=True)
 class RigView:
@@ -183,7 +186,7 @@ def of_camera(found: RigRegistration, c: int) -> Registration:
         xyz=found.xyz,
         deformation=bent,
         unchecked=_unchecked(found, c),
-        options=found.options,
+        options={k: v[c] if k in EACH else v for k, v in found.options.items()},
     )
 
 

@@ -159,7 +159,13 @@ def _starts(
     v[:2], v[2], v[4], v[5], v[6], v[7] = place, radius, radius, window.blur, abs(level) * contrast, level
     disc, _ = window.model(v)
     carrier = (disc if window.multiplicative else np.full_like(disc, window.scale)) * outside
-    weight, left = carrier.astype(np.float32).ravel(), ((disc - window.patch) * outside).astype(np.float32).ravel()
+    # Squares of 1e-30 are no floats of 32 bits; a power of two changes nothing else.
+    unit = -int(np.frexp(np.abs(carrier).max())[1])
+    weight, left = (
+        np.ldexp(part, unit).astype(np.float32).ravel() for part in (carrier, (disc - window.patch) * outside)
+    )
+    if not weight.any():
+        return
     directions, offsets, lines, squares, edges, edges2 = candidates
     first = _best(lines, squares, weight, left)
     # Where the shadow is half of the window the median is neither its light nor the other's.

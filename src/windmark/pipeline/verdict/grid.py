@@ -11,16 +11,19 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.resection.seat import OFF, Seat, seat
 from windmark.scene import MarkerSet, Mesh
+from windmark.scene.lone_nodes import lone_nodes, where
 from windmark.scene.units import spelt
 
 _STEP = "bring grid and table of markers into one frame, at one size: pictures are mapped to the grid where it stands"
 
 
 def grid_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
-    """Markers and grid in different units, or the markers beside its surface."""
+    """Nodes far from all their neighbours; markers and grid in different units, or the markers beside its surface."""
     model = markers.take(markers.role != "wall")
     if not (len(model) and len(mesh.triangles)):
         return []
+    if alone := _alone(mesh, unit):
+        return alone  # how large the grid is, and what is how far from it, is that node's
     return units_findings(markers, mesh, unit) or _beside(seat(mesh, model.xyz, model.normal), model, unit)
 
 
@@ -40,6 +43,18 @@ def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
             f"windmark convert --unit {units[0]} --to-unit {unit} for the table, or correct its length_unit",
         )
     ]
+
+
+def _alone(mesh: Mesh, unit: str) -> list[Finding]:
+    nodes = lone_nodes(mesh)
+    if not nodes:
+        return []
+    first = nodes[0]
+    more = f" (and {len(nodes) - 1} more)" if len(nodes) > 1 else ""
+    said = f"{where(mesh, first.node)}{more} lies {g2(first.away)} {unit} away from its neighbours in the grid, which "
+    said += f"lie within {g2(2 * first.around)} {unit}: a fill value or a typing error?"
+    step = "correct it in the grid's file, or blank it (IBLANK): its triangles hide what is behind them"
+    return [Finding(DOUBTFUL, "file", said, step)]
 
 
 def _beside(found: Seat, markers: MarkerSet, unit: str) -> list[Finding]:

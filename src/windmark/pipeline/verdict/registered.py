@@ -15,11 +15,11 @@ from windmark.pipeline.verdict.lens import by_pose, other_interior, table_findin
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.resized import resized
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
+from windmark.pipeline.verdict.without_spot import missing, odd_markers
 from windmark.registration import NotRegistered, Registration
 from windmark.registration.task import MIN_COUNT
 from windmark.scene import Detections, MarkerSet
 from windmark.scene.detections import middle_sigma
-from windmark.tasks.odd import CHANCE, nearest_spots
 
 Array = NDArray[np.float64]
 
@@ -76,10 +76,10 @@ def registered_findings(seen: Sighting) -> list[Finding]:
         return []
     return [
         *_bent(seen, answer),
-        *_odd_markers(seen, answer),
+        *odd_markers(seen, answer),
         *_misfit(seen, answer),
         *_moved(seen, answer),
-        *_missing(seen, answer),
+        *missing(seen, answer),
         *_few(answer),
         *_reach(seen, answer),
     ]
@@ -120,34 +120,6 @@ def _bent(seen: Sighting, answer: Registration) -> list[Finding]:
     ]
 
 
-def _odd_markers(seen: Sighting, answer: Registration) -> list[Finding]:
-    """Markers without a spot where a spot without a marker is too near to be there by chance."""
-    if seen.expected is None:
-        return []
-    alone = np.setdiff1d(seen.expected, answer.matching.marker)
-    free = np.setdiff1d(np.arange(len(seen.spots)), answer.matching.detection)
-    if not len(alone):
-        return []
-    place = answer.camera.project(answer.cam_from_model.apply(seen.markers.xyz[alone]))[0]
-    nearest, chance = nearest_spots(place, seen.spots.xy[free], answer.camera.size_px)
-    odd = np.flatnonzero(len(alone) * chance < CHANCE)
-    if not len(odd):
-        return []
-    k = odd[np.argmin(nearest[odd])]
-    scale = _unit_per_px(answer)
-    more = f" (and {len(odd) - 1} more)" if len(odd) > 1 else ""
-    return [
-        Finding(
-            DOUBTFUL,
-            "marker",
-            f"{seen.markers.name[alone[k]]}{more} is {g2(nearest[k])} px ({g2(nearest[k] * scale)} "
-            f"{seen.unit}) from where "
-            "its table has it",
-            "measure this marker again, or exchange the names if two of them are swapped",
-        )
-    ]
-
-
 def _misfit(seen: Sighting, answer: Registration) -> list[Finding]:
     """Residuals beyond the noise: the pattern of another lens, or markers that are off their table."""
     spot = spot_px(answer, seen.spots)
@@ -184,21 +156,6 @@ def _moved(seen: Sighting, answer: Registration) -> list[Finding]:
             "moved",
             f"the camera is not where its file says: markers on the walls are {g2(far)} px from where they would be",
             "keep the pose found here, or place the camera anew (windmark register) before poses of the file are used",
-        )
-    ]
-
-
-def _missing(seen: Sighting, answer: Registration) -> list[Finding]:
-    expected = answer.n_expected if seen.expected is None else len(np.union1d(seen.expected, answer.matching.marker))
-    gone = expected - len(answer.matching)
-    if gone <= rules.MISSING * expected:
-        return []
-    return [
-        Finding(
-            DOUBTFUL,
-            "missing",
-            f"{gone} of {expected} markers that must be in view have no spot",
-            "look at the red diamonds of the matching picture: covered, rubbed off, too faint, or not of this test?",
         )
     ]
 
@@ -276,8 +233,3 @@ def what_is_left(rms_px: float, beyond_px: float) -> str:
     if not beyond_px:
         return f"residuals of {g2(rms_px)} px RMS are the spots' noise"
     return f"residuals of {g2(rms_px)} px RMS ({g2(beyond_px)} px per coordinate of it table and lens, not noise)"
-
-
-def _unit_per_px(answer: Registration) -> float:
-    depth = float(np.median(answer.cam_from_model.apply(answer.matched_xyz)[:, 2]))
-    return depth / answer.camera.focal_px
