@@ -248,6 +248,20 @@ def test_symmetric_layout_is_ambiguous_until_a_prior_decides():
     assert_right(register(scene.detections, grid, camera, prior=pose), scene)
 
 
+def test_a_prior_that_does_not_tell_a_shift_is_not_asked_for_again():
+    """A board that goes on beyond the picture on all sides: what is left to give is a label."""
+    rng = np.random.default_rng(4)
+    board = flat_grid(24, 18)
+    middle = board.xyz.mean(axis=0)
+    camera, eye = wm.Camera((1000, 750), 2000.0), middle + [0.05, -0.1, 9.0 * np.ptp(board.xyz[:, 0]) / 23]
+    pose = wm.Pose.look_at(eye, middle, [0, 1, 0])
+    scene = scenes.image_of(rng, board, camera, pose)
+    result = register(scene.detections, board, camera, prior=pose)
+    assert_refused(result, "ambiguous")
+    assert "give the label of a spot" in result.reason
+    assert "prior pose" not in result.reason
+
+
 def test_one_moved_marker_breaks_the_symmetry():
     rng = np.random.default_rng(1)
     grid = flat_grid()

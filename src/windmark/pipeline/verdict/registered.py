@@ -29,7 +29,7 @@ REFUSALS = {
     "nothing": ("no match", "check that table, camera and picture belong together, and the roles that take part"),
     "weak": ("few", "more markers in view, or a prior pose ([register] prior)"),
     "misfit": ("table", "check the marker table against the model, or allow more with [register] tolerance_px"),
-    "ambiguous": ("layout", "label a marker in the picture ([[image]] labels), or give a prior pose"),
+    "ambiguous": ("layout", "label a marker in the picture ([[image]] labels), or give a prior pose if there was none"),
     "focal": ("weak", "give the focal length (windmark calibrate), or a prior pose"),
     "wrong_focal": ("focal", "correct the focal length in the camera file, or set [register] free_focal = true"),
     "wrong_camera": ("camera", "calibrate the camera (windmark calibrate); check that the file is this camera's"),

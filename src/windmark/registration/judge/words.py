@@ -77,11 +77,15 @@ def beyond_prior(task: Task, best: Candidate | None, least: float) -> str:
 def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, only_by: str = "") -> str:
     """Why a solution is no answer beside another one, and what would decide; ``only_by`` what its lead rests on."""
     angle = float(np.degrees(best.rig_from_model.angle_to(other.rig_from_model)))
-    lead, decides = best.score - answer.score, "a prior pose or the label of a spot"
+    lead = best.score - answer.score
+    # Both are within a prior that was given: it has not told them apart.
+    prior = best.views.planes[0].task.prior is not None
+    decides = "the label of a spot" if prior else "a prior pose or the label of a spot"
     if answer.same_labels:
+        closer = "a closer prior pose" if prior else "a prior pose"
         return (
             f"two poses {angle:.1f} degrees apart explain the same labels about equally well (lead {lead:.1f} nats), "
-            "as a flat set of markers far away does: give a prior pose"
+            f"as a flat set of markers far away does: give {closer}"
         )
     if apart(best, other):
         return (
