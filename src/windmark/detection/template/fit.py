@@ -14,6 +14,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 BATCH_PIXELS = 200_000  # of the patches of one batch: they stay in the cache
+ROUGH = 0.05  # chi^2 of the last step of a rough fit: a fifth of a sigma in the direction that is known worst
 SHAPE_SPREAD = 0.6  # prior of the second moments, relative to those of a round disc of the given radius
 TUKEY = 4.685  # cut of Tukey's weights in units of the noise: 95 % efficient on Gaussian noise
 
@@ -84,13 +85,15 @@ class Batch:
 
 
 def fit_all(
-    scene: Scene, request: Request, others: Neighbours, *, images: bool = False, gone: Ints | None = None
-) -> tuple[Fitted, list[Batch]]:
+    scene: Scene, request: Request, others: Neighbours, *, images: bool = False, gone: Ints | None = None,
+    rough: bool = False,
+) -> tuple[Fitted, list[Batch]]:  # fmt: skip
     """Fit all markers of a request, by one kernel for all sizes, and their images where these are wanted.
 
-    `gone` (K,): a quarter of each window, as of `leave_out`, without which it is fitted; None: nothing is left out.
+    `rough`: they end within `ROUGH`, for what only starts other fits or says how far a centre moves. `gone` (K,): a
+    quarter of each window, as of `leave_out`, without which it is fitted; None: nothing is left out.
     """
-    from windmark.detection.template._kernels.fit import cut_and_fit
+    from windmark.detection.template._kernels.fit import STILL, cut_and_fit
 
     done, start = _unfitted(request)
     starts, *known = _start(scene, request, done, start)
@@ -101,7 +104,8 @@ def fit_all(
     flat, gone = np.zeros(numbers.sum()), np.full(len(half), -1) if gone is None else gone
     cut_and_fit(
         *scene.measured(), done.pixel, half, order, starts, reach, others.xy, others.radius, others.margin,
-        others.index, gone, done.states, *known, share, done.table, done.params, done.cov, flat,
+        others.index, gone, done.states, *known, ROUGH if rough else STILL, share, done.table, done.params, done.cov,
+        flat,
     )  # fmt: skip
     done.usable[:], done.saturated[:] = _of_measured(scene, request, done.pixel, start, share[:, 0]), share[:, 1]
     done.states[:, :2] -= start

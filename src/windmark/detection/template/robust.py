@@ -127,7 +127,7 @@ def _narrowed(
     while (index := np.flatnonzero(wide > 1.0)).size:
         one = request.take(index)
         one = replace(one, scale=one.scale * wide[index], states=states[index])
-        done, _ = fit_all(scene, one, others.take(index), images=False)
+        done, _ = fit_all(scene, one, others.take(index), images=False, rough=True)
         fitted = done.column("status") >= 0
         states[index[fitted]] = done.states[fitted]
         wide = np.maximum(0.5 * wide, 1.0)

@@ -9,7 +9,7 @@ from scipy.special import fdtrc
 
 from windmark.geometry.errors import DegenerateGeometry
 from windmark.geometry.planar.fit import PlanarFit, fit_planar
-from windmark.geometry.planar.transform import NEEDED
+from windmark.geometry.planar.transform import NEEDED, PlanarTransform
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,6 +30,8 @@ DRAWS, GAP, BETTER = 200, 2.0, 0.7
 what is still taken for noise: a surface that bends has places with every distance between. And two motions predict
 pairs that they have not seen so much better than a smooth one does.
 """
+STEP = 0.5
+"""And they are nowhere between their markers nearer to each other than by this part of what they differ by."""
 
 
 def sound_pairs(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
@@ -41,9 +43,9 @@ def sound_pairs(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
     - if without it an affine transformation explains all others to their noise: deformation that one mark alone shows
       is a wrong mark;
     - if it stands out from a smoothing spline through the others, so that deformation is not taken for wrong pairs.
-      Where one affine transformation explains most of all pairs to their noise, all others are clearly off it, and a
-      spline calls several pairs wrong or predicts them worse than two motions do, these are the wrong ones: it bends
-      towards both sides of a step.
+      Where one affine transformation explains most of all pairs to their noise, all others are clearly off it by a step
+      that no bending makes, and a spline calls several pairs wrong or predicts them worse than two motions do, these
+      are the wrong ones: it bends towards both sides of a step.
 
     Pairs go one after the other, or together where they are no neighbours.
     """
@@ -84,16 +86,32 @@ def sound_pairs(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
     most = _of_one_motion(x, y, cov_x, cov_y, spread)
     if most is None or most.all():
         return kept
+    # One column of markers does not tell how the motion goes on from it: it may bend there.
+    one, other = fitted("affine", np.flatnonzero(most)), fitted("affine", np.flatnonzero(~most))
+    if one is None or other is None or not _is_step(one.transform, other.transform, x[most], x[~most]):
+        return kept
     if bent and (~kept).sum() > 1:
         return most
     # A spline that takes a step for bending predicts the markers at it worse than two motions do.
-    few = np.flatnonzero(~most & kept)
-    smooth, one = fitted("spline", np.flatnonzero(kept)), fitted("affine", np.flatnonzero(most))
-    other = fitted("affine", few) or fitted("similarity", few)
-    if smooth is None or one is None or other is None:
+    smooth, few = fitted("spline", np.flatnonzero(kept)), kept[~most]
+    if smooth is None or not few.any():
         return kept
-    apart = np.vstack([one.held_out[kept[most]], other.held_out])
+    apart = np.vstack([one.held_out[kept[most]], other.held_out[few]])
     return most if _rms(apart) < BETTER * _rms(smooth.held_out) else kept
+
+
+def _is_step(one: PlanarTransform, other: PlanarTransform, x: Array, x_other: Array) -> bool:
+    """Whether two motions are apart everywhere between their markers: of what bends, or hangs on a hinge, they meet.
+
+    Between each marker of the second motion and the nearest one of the first their difference goes on straight.
+    """
+    near = x[cKDTree(x).query(x_other)[1]]
+    first, last = (other.apply(at) - one.apply(at) for at in (near, x_other))
+    along = last - first
+    length = np.maximum((along**2).sum(axis=1), 1e-300)
+    t = np.clip(-(first * along).sum(axis=1) / length, 0.0, 1.0)
+    least = np.hypot(*(first + t[:, None] * along).T)
+    return bool(np.median(least / np.maximum(np.hypot(*last.T), 1e-300)) > STEP)
 
 
 def _rms(off: Array) -> float:

@@ -202,7 +202,7 @@ def _with_left_over(
     expected = fit.transform.apply(a.xy[i])
     shown = ((expected > -0.5) & (expected < np.array(shape[::-1]) - 0.5)).all(axis=1)
     i, expected = i[shown], expected[shown]
-    found = moved_together(expected, b.xy[j], float(shape[0] * shape[1]))
+    found = moved_together(expected, b.xy[j], float(shape[0] * shape[1]), b.xy[kept[:, 1]])
     more = np.stack([i[found[:, 0]], j[found[:, 1]]], axis=1)
     if options["max_shift_px"] is not None:
         more = more[np.hypot(*(b.xy[more[:, 1]] - a.xy[more[:, 0]]).T) <= options["max_shift_px"]]

@@ -20,6 +20,11 @@ ALIKE, ALIKE_TWO = 0.25, 0.1
 neighbours (walls between the model's markers), to this one: chance makes them more often than three."""
 FEWEST, CHANCE, LEVELS_PX = 3, 1e-4, (1.0, 2.0, 4.0, 8.0)
 """Markers without a partner that moved together: so many at least, not by chance, within so much of each other."""
+PITCH = 0.2
+"""Part of the other markers that a pitch carries onto each other."""
+TURNED, SCALED, CLOSE_PX = 4, 0.2, 0.3
+"""Markers of a part that turns; by how much it may seem to shrink or grow; how near a marker must be to where the
+others of its part say, at least."""
 SIGMAS = 5.0
 """Nor does it count by what the marks' own sigmas let them differ."""
 BETWEEN = 2.0
@@ -56,18 +61,45 @@ def parts_apart(x: Array, off: Array, sigma: Array, others: Array) -> list[Ints]
     def alike(share: float) -> NDArray[np.bool_]:
         return np.asarray(apart <= np.maximum(allowed[0], share * allowed[1]))
 
-    found, free = [], np.ones(count, dtype=bool)
+    found = _turned(x, off, np.maximum(SIGMAS * np.sqrt(2.0) * sigma, CLOSE_PX))
+    free = np.ones(count, dtype=bool)
+    free[np.concatenate([np.empty(0, np.int64), *found])] = False
+    found = [_with_others(group, x, free, alike(ALIKE)) for group in found]
     for near_only, share, least in ((True, ALIKE, 3), (False, ALIKE_TWO, 4), (True, ALIKE_TWO, 2)):
         linked = close & alike(share) if near_only else alike(share)
         for group in sorted(_connected(linked), key=len, reverse=True):
-            if len(group) < least or not free[group].all():
-                continue
-            # Those that moved as the nearest of the part did belong to it, whatever lies between.
-            nearest = group[cKDTree(x[group]).query(x)[1]]
-            part = np.flatnonzero(free & alike(share)[np.arange(count), nearest])
-            free[part] = False
-            found.append(part)
+            if len(group) >= least and free[group].all():
+                free[group] = False
+                found.append(_with_others(group, x, free, alike(share)))
     return sorted(found, key=len, reverse=True)
+
+
+def _with_others(group: Ints, x: Array, free: NDArray[np.bool_], alike: NDArray[np.bool_]) -> Ints:
+    """A part with those that moved as the nearest of it did, whatever lies between; they are free no longer."""
+    nearest = group[cKDTree(x[group]).query(x)[1]]
+    more = np.flatnonzero(free & alike[np.arange(len(x)), nearest])
+    free[more] = False
+    return np.concatenate([group, more])
+
+
+def _turned(x: Array, off: Array, near: Array) -> list[Ints]:
+    """Groups of four or more that one similarity of their own explains, each within ``near`` (R,) pixels.
+
+    A part that turns has no two markers that moved alike. Two of them tell the similarity, the others confirm it.
+    """
+    left, found = np.arange(len(x)), []
+    while len(left) >= TURNED:
+        z, w = ((at[left] @ (1.0, 1j)) for at in (x, x + off))
+        i, j = np.triu_indices(len(left), 1)
+        turn = (w[j] - w[i]) / np.where(z[j] == z[i], np.nan, z[j] - z[i])
+        miss = np.abs(w[None] - w[i][:, None] - turn[:, None] * (z[None] - z[i][:, None]))
+        inside = (miss < near[left]) & (np.abs(np.abs(turn) - 1.0) < SCALED)[:, None]
+        best = inside[inside.sum(axis=1).argmax()]
+        if best.sum() < TURNED:
+            break
+        found.append(left[best])
+        left = left[~best]
+    return found
 
 
 def _connected(linked: NDArray[np.bool_]) -> list[Ints]:
@@ -77,17 +109,19 @@ def _connected(linked: NDArray[np.bool_]) -> list[Ints]:
     return [np.flatnonzero(label == k) for k in range(count)]
 
 
-def moved_together(expected: Array, seen: Array, area_px: float) -> Ints:
+def moved_together(expected: Array, seen: Array, area_px: float, others: Array) -> Ints:
     """Pairs (M, 2) of markers without a partner that lie together at another place than expected.
 
     The shift that most agree about, at the level at which chance is least: with a share p of the picture near one of
-    the `seen`, so many agree by chance as often as the binomial law says, for any of the shifts.
+    the `seen`, so many agree by chance as often as the binomial law says, for any of the shifts. One that carries the
+    other markers onto each other is the pitch of a regular layout, in which gaps are anywhere.
 
     Parameters
     ----------
     expected : (A, 2) where the others' transformation has the left-over spots of the reference
     seen : (B, 2) left-over spots of the image
     area_px : of the picture
+    others : (K, 2) the markers that have a partner, in the image
     """
     from scipy.special import bdtrc
 
@@ -111,7 +145,10 @@ def moved_together(expected: Array, seen: Array, area_px: float) -> Ints:
                 best, least = rows, chance
     if best is None:
         return none
-    off = np.hypot(*(shift[best] - np.median(shift[best], axis=0)).T)
+    middle = np.median(shift[best], axis=0)
+    off = np.hypot(*(shift[best] - middle).T)
+    if len(others) and np.mean(cKDTree(others).query(others + middle)[0] < LEVELS_PX[-1]) > PITCH:
+        return none
     pairs = np.stack(np.divmod(row[best[np.argsort(off, kind="stable")]], len(seen)), axis=1)
     for side in (0, 1):  # one to one, the nearest first
         pairs = pairs[np.sort(np.unique(pairs[:, side], return_index=True)[1])]

@@ -43,9 +43,11 @@ FITS = ("cost", "noise2", "evaluations", "status", "pixels", "largest", "signal"
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fit_disc(
     patch: Any, weight: Any, u: Any, prior: Any, stiff: Any, fixed: Any, cut: float, multiplicative: float, n: float,
-    wide: bool, edges: Any, space: Any,
+    still: float, wide: bool, edges: Any, space: Any,
 ) -> tuple[float, float, int, int, int]:  # fmt: skip
     """Levenberg-Marquardt from the state `u` (overwritten), with the prior (u - prior)^2 stiff in units of the noise.
+
+    It ends with a step of chi^2 below `still`.
 
     Returns (cost, noise variance, evaluations, status, points): 1 converged, 0 not, -1 too few pixels or singular. `n`
     degrees of freedom. Of `space`, see `workspace`, the last evaluation's parameters are left, the points on their
@@ -118,7 +120,7 @@ def fit_disc(
         # Steps shrink at least as they did: what is left after this one is known without another evaluation.
         sure = last and moved * moved < STILL * noise2 * moved_before
         moved_before = moved
-        if status == 0 and (sure or moved < (STILL_KNOWN if fixed[2] else STILL) * noise2):
+        if status == 0 and (sure or moved < (STILL_KNOWN if fixed[2] else still) * noise2):
             status = 1
             for k in range(10):
                 u[k] = trial[k]
@@ -157,8 +159,8 @@ def fit_discs(
         if fixed[2] and k > 0 and starts[k, 3] != starts[k - 1, 3]:
             edges = pixel_table(starts[k, 3])
         fit_window(
-            patches[k], weights[k], starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, out[k],
-            params[k], cov[k], none, edges, space,
+            patches[k], weights[k], starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, STILL,
+            out[k], params[k], cov[k], none, edges, space,
         )  # fmt: skip
 
 
@@ -166,9 +168,11 @@ def fit_discs(
 def cut_and_fit(
     image: Any, usable: Any, sign: float, saturation: float, pixel: Any, half: Any, order: Any, starts: Any, reach: Any,
     xy: Any, radii: Any, margin: Any, others: Any, gone: Any, states: Any, priors: Any, stiff: Any, fixed: Any,
-    cut: Any, multiplicative: float, share: Any, out: Any, params: Any, cov: Any, images: Any,
+    cut: Any, multiplicative: float, still: float, share: Any, out: Any, params: Any, cov: Any, images: Any,
 ) -> None:  # fmt: skip
     """`cut_windows` and `fit_discs` in one go: windows of radii `half` (K,) round pixels (K, 2), in an `order` (K,).
+
+    `still` of `fit_disc`.
 
     `gone` (K,) of `leave_out`, about the centre to start from. `images`, flat, in the order, or empty: for each marker
     (4, S, S) what one grey level in a pixel does to the centre's x and y, the residual, and the model's image; 0 where
@@ -193,8 +197,8 @@ def cut_and_fit(
         influence = images[at : at + many * size * size].reshape((many, size, size))
         at += influence.size
         fit_window(
-            patch, weight, starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, out[k], params[k],
-            cov[k], influence, edges, space,
+            patch, weight, starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, still, out[k],
+            params[k], cov[k], influence, edges, space,
         )  # fmt: skip
 
 
@@ -212,9 +216,9 @@ def workspace(size: int) -> Any:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fit_window(
     patch: Any, weight: Any, start: Any, u: Any, prior: Any, stiff: Any, fixed: Any, cut: float, multiplicative: float,
-    out: Any, p: Any, cov: Any, influence: Any, edges: Any, space: Any,
+    still: float, out: Any, p: Any, cov: Any, influence: Any, edges: Any, space: Any,
 ) -> None:  # fmt: skip
-    """One of `fit_discs`; `edges` of `pixel_table` for the blur of `start`."""
+    """One of `fit_discs`; `still` of `fit_disc`, `edges` of `pixel_table` for the blur of `start`."""
     jac, res, table, matrix, work, t, vectors, held, back, rows, centre, spans, bands, _, _ = space
     size, pixels = patch.shape[0], 0.0
     reach = CUT * start[3] + 0.5
@@ -232,7 +236,7 @@ def fit_window(
         if wide and start[2] > LARGE * reach:
             u[6] /= math.pi
     cost, noise2, evaluations, status, points = fit_disc(
-        patch, weight, u, prior, stiff, fixed, cut, multiplicative, pixels - 10.0, wide, edges, space
+        patch, weight, u, prior, stiff, fixed, cut, multiplicative, pixels - 10.0, still, wide, edges, space
     )
     if wide:
         out[5], out[7] = extremes(patch, weight, spans, vectors[0], cut, multiplicative, jac, bands)
