@@ -93,7 +93,8 @@ def without_quarters(scene: Scene, request: Request, done: Fitted, others: Neigh
     from windmark.detection.template._kernels.cut import SECTORS
 
     row, gone = np.divmod(np.arange(SECTORS * len(request.xy)), SECTORS)
-    again, _ = fit_all(scene, replace(request, states=done.states).take(row), others.take(row), gone=gone, rough=True)
+    rough = ~np.isfinite(request.scale)[row]
+    again, _ = fit_all(scene, replace(request, states=done.states).take(row), others.take(row), gone=gone, rough=rough)
     moved = again.params[:, :2] - done.params[row, :2]
     moved[again.column("status") != 1] = np.nan
     return np.asarray(moved.reshape(-1, SECTORS, 2))

@@ -86,12 +86,13 @@ class Batch:
 
 def fit_all(
     scene: Scene, request: Request, others: Neighbours, *, images: bool = False, gone: Ints | None = None,
-    rough: bool = False,
+    rough: bool | Flags = False,
 ) -> tuple[Fitted, list[Batch]]:  # fmt: skip
     """Fit all markers of a request, by one kernel for all sizes, and their images where these are wanted.
 
-    `rough`: they end within `ROUGH`, for what only starts other fits or says how far a centre moves. `gone` (K,): a
-    quarter of each window, as of `leave_out`, without which it is fitted; None: nothing is left out.
+    `rough`, all or (K,): they end within `ROUGH`, for what only starts other fits, or says how far a centre moves (with
+    weights that follow the residuals steps are small far from the end, too). `gone` (K,): a quarter of each window, as
+    of `leave_out`, without which it is fitted; None: nothing is left out.
     """
     from windmark.detection.template._kernels.fit import STILL, cut_and_fit
 
@@ -101,10 +102,11 @@ def fit_all(
     half = np.ceil(reach + 0.5).astype(np.int64)
     order = np.argsort(half, kind="stable")  # those of one size share their scratch
     numbers = 4 * (2 * half[order] + 1) ** 2 if images else np.zeros(len(half), np.int64)
+    still = np.where(np.broadcast_to(rough, len(half)), ROUGH, STILL)
     flat, gone = np.zeros(numbers.sum()), np.full(len(half), -1) if gone is None else gone
     cut_and_fit(
         *scene.measured(), done.pixel, half, order, starts, reach, others.xy, others.radius, others.margin,
-        others.index, gone, done.states, *known, ROUGH if rough else STILL, share, done.table, done.params, done.cov,
+        others.index, gone, done.states, *known, still, share, done.table, done.params, done.cov,
         flat,
     )  # fmt: skip
     done.usable[:], done.saturated[:] = _of_measured(scene, request, done.pixel, start, share[:, 0]), share[:, 1]

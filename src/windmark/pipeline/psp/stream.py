@@ -106,12 +106,18 @@ def dynamic_pressure(mach: float, p_inf: float) -> float:
 
 
 def contradiction(mach: float, p_inf: float, q_inf: float, sigma_p: float, sigma_q: float) -> float:
-    """Part by which 0.7 M^2 p_inf differs from q_inf: 0 without a Mach number, within rounding and within sigmas."""
+    """Part by which 0.7 M^2 p_inf differs from q_inf: 0 without a Mach number, within rounding and within sigmas.
+
+    A Mach number is as exact as its last digit, or the second one behind the point (0.2 is taken as 0.20): at low speed
+    that is much of q_inf, and says nothing of a pressure.
+    """
     if not np.isfinite(mach):
         return 0.0
     part = dynamic_pressure(mach, p_inf) / q_inf - 1
     sigma = float(np.hypot(np.nan_to_num(sigma_p) / p_inf, np.nan_to_num(sigma_q) / q_inf))
-    return 0.0 if abs(part) <= max(ROUNDED, 2 * sigma) else part
+    digits = max(len(np.format_float_positional(mach, trim="-").partition(".")[2]), 2)
+    rounded = 1.05 * 10.0**-digits / mach if mach > 0 else 0.0  # twice half a unit of that digit, and a little
+    return 0.0 if abs(part) <= max(ROUNDED, rounded, 2 * sigma) else part
 
 
 def contradiction_words(part: float, p_inf: float, q_inf: float) -> list[str]:

@@ -168,11 +168,11 @@ def fit_discs(
 def cut_and_fit(
     image: Any, usable: Any, sign: float, saturation: float, pixel: Any, half: Any, order: Any, starts: Any, reach: Any,
     xy: Any, radii: Any, margin: Any, others: Any, gone: Any, states: Any, priors: Any, stiff: Any, fixed: Any,
-    cut: Any, multiplicative: float, still: float, share: Any, out: Any, params: Any, cov: Any, images: Any,
+    cut: Any, multiplicative: float, still: Any, share: Any, out: Any, params: Any, cov: Any, images: Any,
 ) -> None:  # fmt: skip
     """`cut_windows` and `fit_discs` in one go: windows of radii `half` (K,) round pixels (K, 2), in an `order` (K,).
 
-    `still` of `fit_disc`.
+    `still` (K,) of `fit_disc`.
 
     `gone` (K,) of `leave_out`, about the centre to start from. `images`, flat, in the order, or empty: for each marker
     (4, S, S) what one grey level in a pixel does to the centre's x and y, the residual, and the model's image; 0 where
@@ -197,8 +197,8 @@ def cut_and_fit(
         influence = images[at : at + many * size * size].reshape((many, size, size))
         at += influence.size
         fit_window(
-            patch, weight, starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, still, out[k],
-            params[k], cov[k], influence, edges, space,
+            patch, weight, starts[k], states[k], priors[k], stiff[k], fixed, cut[k], multiplicative, still[k],
+            out[k], params[k], cov[k], influence, edges, space,
         )  # fmt: skip
 
 
