@@ -42,6 +42,11 @@ def test_cameras_that_each_count_for_themselves_are_paired_by_place():
         {"a": "0", "b": "700"}, {"a": "1", "b": "701"}
     ]  # fmt: skip
     assert len(by_instant({"a": taken("a", "0", "0"), "b": taken("b", "0", "1")})) == 2
+    # One counts from 0, the other from 1; with a gap in either the numbers are those of the instants.
+    counted = {"a": taken("a", "0", "1", "2"), "b": taken("b", "1", "2", "3")}
+    assert names(by_instant(counted)) == [{"a": "0", "b": "1"}, {"a": "1", "b": "2"}, {"a": "2", "b": "3"}]
+    lacking = {"a": taken("a", "0", "1", "3"), "b": taken("b", "1", "2", "3")}
+    assert names(by_instant(lacking)) == [{"a": "0"}, {"a": "1", "b": "1"}, {"b": "2"}, {"a": "3", "b": "3"}]
 
 
 def test_states_that_leave_other_directions_open_have_columns_of_their_own():

@@ -253,8 +253,8 @@ def test_a_prior_that_does_not_tell_a_shift_is_not_asked_for_again():
     rng = np.random.default_rng(4)
     board = flat_grid(24, 18)
     middle = board.xyz.mean(axis=0)
-    camera, eye = wm.Camera((1000, 750), 2000.0), middle + [0.05, -0.1, 9.0 * np.ptp(board.xyz[:, 0]) / 23]
-    pose = wm.Pose.look_at(eye, middle, [0, 1, 0])
+    camera, off = wm.Camera((1000, 750), 2000.0), np.array([0.05, -0.1, 9.0 * np.ptp(board.xyz[:, 0]) / 23])
+    pose = wm.Pose.look_at(middle + off, middle, [0, 1, 0])
     scene = scenes.image_of(rng, board, camera, pose)
     result = register(scene.detections, board, camera, prior=pose)
     assert_refused(result, "ambiguous")

@@ -85,3 +85,23 @@ def test_the_verdict_names_it_and_asks_nothing_else_of_such_a_grid():
     assert (found.word, found.cause) == ("doubtful", "file")
     assert found.reason.startswith("node i=5, j=8, k=0 (from 0) of zone01 lies 8")
     assert found.reason.endswith(" in the grid, which lie within 2.6 mm: a fill value or a typing error?")
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("count", [6, 36])
+def test_the_tip_of_a_slender_cone_is_no_lone_node(count, closed):
+    """What every STL of a cone has: one fan of long triangles; behind it the base, or a finely meshed body."""
+    around = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    rings = [np.column_stack([np.full(count, -5.0 * k), 5 * np.cos(around), 5 * np.sin(around)]) for k in range(4)]
+    k = np.arange(count)
+    after = (k + 1) % count
+    if closed:
+        xyz = np.vstack([[[60.0, 0, 0], [0.0, 0, 0]], rings[0]])
+        faces = [np.stack([np.full(count, n), k + 2, after + 2], axis=1) for n in (0, 1)]
+    else:
+        xyz = np.vstack([[[60.0, 0, 0]], *rings])
+        faces = [np.stack([np.zeros(count, int), k + 1, after + 1], axis=1)]
+        for n in range(3):
+            a, b = 1 + n * count, 1 + (n + 1) * count
+            faces += [np.stack([a + k, b + k, a + after], axis=1), np.stack([a + after, b + k, b + after], axis=1)]
+    assert lone_nodes(Mesh.make(xyz, np.concatenate(faces))) == []

@@ -1,7 +1,8 @@
 """Nodes of a grid that lie far away from all their neighbours: fill values and typing errors.
 
 The triangles of such a node are a spike that hides what is behind it and takes values of what it is not. A sharp tip is
-none: its neighbours are about as far from each other, or from theirs, as it is from them.
+none: its neighbours are about as far from each other, or from theirs, as it is from them; or, of a slender cone made of
+one fan of triangles, it stands above the middle of a ring of many.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ Ints = NDArray[np.int64]
 FAR = 4.0
 """So many times as far from its nearest neighbour as these are from each other and from all others of theirs. Cells
 grow by less than twice from one to the next."""
+FAN, ALIKE, UPRIGHT = 6, 0.1, 0.98
+"""A cone's tip: least neighbours, difference of their distances as a part, and cosine to the normal of their ring."""
 RING = 3
 """Neighbours of a node within a surface; a corner of a structured block has two."""
 
@@ -116,5 +119,26 @@ def _lone(xyz: Array, node: int, a: Ints, b: Ints, least: int) -> LoneNode | Non
         return None
     place = xyz[ring]
     around = float(np.linalg.norm(place - np.median(place, axis=0), axis=1).max())
-    away = float(np.linalg.norm(place - xyz[node], axis=1).min())
+    edges = np.linalg.norm(place - xyz[node], axis=1)
+    away = float(edges.min())
+    # Of a cone's tip all edges are alike, and far more alike than chance makes those to a ring that lies anywhere.
+    if len(ring) >= FAN and np.ptp(edges) < ALIKE * away and _is_tip(place, xyz[node], xyz[beyond]):
+        return None
     return LoneNode(node, away, around) if away > FAR * around else None
+
+
+def _is_tip(ring: Array, tip: Array, beyond: Array) -> bool:
+    """Whether a node stands above the middle of its neighbours, and the surface does not go on outside of their ring.
+
+    A cone's goes on behind it, or closes it. A node that was moved out of a surface has that all round.
+    """
+    middle = ring.mean(axis=0)
+    _, _, axes = np.linalg.svd(ring - middle, full_matrices=False)
+    height = tip - middle
+    up = axes[2] * np.sign(axes[2] @ height)
+    if not up @ height > UPRIGHT * np.linalg.norm(height):
+        return False
+    off, radius = beyond - middle, float(np.linalg.norm(ring - middle, axis=1).max())
+    along = off @ up
+    outside = np.linalg.norm(off - along[:, None] * up, axis=1) > 1.2 * radius
+    return bool(not (outside & (along > -0.5 * radius)).any())

@@ -51,8 +51,8 @@ def odd_start(run: InfraredRun, store: Store, frames: Sequence[int]) -> str:
             a, b, c = (g3(step) for step in steps[1])
             return (f"{camera}: only frame {first} is from before heat.start_s, and from it to frame {later} the "
                     f"temperature rises by {a} K (median), over the next two such times by {b} and {c} K: without the "
-                    "break of a beginning. The heating began before the film did, and heat flux is too low; give the "
-                    "frames from before the heating")  # fmt: skip
+                    "break of a beginning. Either the heating began before the film did, and heat flux is too low, or "
+                    "it grew at just that rate: give the frames from before the heating")  # fmt: skip
     return ""
 
 

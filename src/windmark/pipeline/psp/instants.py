@@ -20,17 +20,25 @@ def in_order(pictures: Sequence[Taken]) -> list[Taken]:
 def by_instant(raw: Mapping[str, Sequence[Taken]]) -> list[dict[str, Taken]]:
     """Camera -> its picture of each instant, in order.
 
-    Where a camera has two pictures of one number, or cameras that have as many pictures share no number at all (each
-    counts for itself), numbers pair nothing: the first ones are of one instant, then the second ones.
+    Where a camera has two pictures of one number, or cameras that have as many pictures, and none is missing between,
+    have other numbers (each counts for itself), numbers pair nothing: the first ones are of one instant, then the
+    second ones.
     """
     keyed = {name: {p.key: p for p in own} for name, own in raw.items()}
     counts = {len(own) for own in raw.values()}
     several = any(len(keyed[name]) < len(own) for name, own in raw.items())
     shared = set.intersection(*(set(own) for own in keyed.values())) if keyed else set()
-    if several or (len(counts) == 1 and not shared):
+    if several or (len(counts) == 1 and (not shared or all(_without_gap(list(own)) for own in keyed.values()))):
         keyed = {name: {str(k): p for k, p in enumerate(own)} for name, own in raw.items()}
     keys = sorted({key for own in keyed.values() for key in own}, key=order)
     return [{name: own[key] for name, own in keyed.items() if key in own} for key in keys]
+
+
+def _without_gap(keys: Sequence[str]) -> bool:
+    """Whether keys are numbers that follow each other."""
+    if not all(key.isdigit() for key in keys):
+        return False
+    return max(map(int, keys)) - min(map(int, keys)) == len(keys) - 1
 
 
 def alone_words(kind: str, instants: Sequence[Mapping[str, Taken]], cameras: Sequence[str]) -> dict[str, str]:

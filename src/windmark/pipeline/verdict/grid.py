@@ -22,9 +22,8 @@ def grid_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
     model = markers.take(markers.role != "wall")
     if not (len(model) and len(mesh.triangles)):
         return []
-    if alone := _alone(mesh, unit):
-        return alone  # how large the grid is, and what is how far from it, is that node's
-    return units_findings(markers, mesh, unit) or _beside(seat(mesh, model.xyz, model.normal), model, unit)
+    seated = units_findings(markers, mesh, unit) or _beside(seat(mesh, model.xyz, model.normal), model, unit)
+    return [*_alone(mesh, unit), *seated]
 
 
 def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
