@@ -120,6 +120,8 @@ def _rms(off: Array) -> float:
 
 def _of_one_motion(x: Array, y: Array, cov_x: Array, cov_y: Array, spread: Array) -> Mask | None:
     """The pairs (N,) of one affine transformation, where it explains most to their noise and no other nearly."""
+    if len(x) <= 2 * NEEDED["affine"]:  # both motions must have some left over
+        return None
     limit, rng = np.maximum(LEAST_PX, SIGMAS * spread), np.random.default_rng(0)
     place = np.column_stack([x - x.mean(axis=0), np.ones(len(x))])
     three = np.stack([rng.choice(len(x), 3, replace=False) for _ in range(DRAWS)])
