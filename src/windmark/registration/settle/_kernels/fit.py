@@ -230,30 +230,30 @@ def excess_of(sights: Sights, state: State, table: Array, c: int, doubt2: float,
             count += 1
     if count == 0:
         return doubt2, 0.0
-    most, kept, variance, redundancy = 0.0, count, 0.0, 0.0
-    for turn in range(3):  # the middle one of the given variances, that of all residuals, and that of those that count
-        ordered = np.sort(given[:count] if turn == 0 else squares[:kept])
-        if turn == 0:
-            most = 0.5 * (ordered[(count - 1) // 2] + ordered[count // 2])
-            continue
-        used, expected = math.ceil(TRIM * kept), 0.0
-        # The j-th smallest of n unit exponentials has the mean 1 / n + 1 / (n - 1) + ... + 1 / (n - j + 1).
-        for j in range(used):
-            expected += (used - j) / (kept - j)
-        redundancy = max(2 * kept - state.numbers[c, TAKEN], 0.0)
-        variance = 0.5 * ordered[:used].sum() / expected * 2 * kept / max(redundancy, 1.0)
-        if turn == 1:
-            most, kept = VAGUE * max(variance, most), 0
-            for k in range(count):
-                if given[k] <= most:
-                    squares[kept], given[kept], noises[kept] = squares[k], given[k], noises[k]
-                    kept += 1
-            if kept == count:
-                break
+    variance, redundancy = _trimmed(squares[:count], state.numbers[c, TAKEN])
+    most, kept = VAGUE * max(variance, np.median(given[:count])), 0
+    for k in range(count):
+        if given[k] <= most:
+            squares[kept], given[kept], noises[kept] = squares[k], given[k], noises[k]
+            kept += 1
+    if kept < count:
+        variance, redundancy = _trimmed(squares[:kept], state.numbers[c, TAKEN])
     known, noise = given[:kept].mean(), noises[:kept].mean()
     pooled = (PRIOR_WORTH * (known + doubt2) + redundancy * variance) / (PRIOR_WORTH + redundancy)
     chance = luck * TRIM_COST * math.sqrt(2.0 * redundancy) / (PRIOR_WORTH + redundancy)
     return max(0.0, pooled - known * (1.0 + chance)), noise
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _trimmed(squares: Array, taken: float) -> tuple[float, float]:
+    """Variance per coordinate by the smaller four fifths of squared residuals, and the redundancy of all of them."""
+    count, expected = squares.shape[0], 0.0
+    kept = math.ceil(TRIM * count)
+    # The j-th smallest of n unit exponentials has the mean 1 / n + 1 / (n - 1) + ... + 1 / (n - j + 1).
+    for j in range(kept):
+        expected += (kept - j) / (count - j)
+    redundancy = max(2 * count - taken, 0.0)
+    return 0.5 * np.sort(squares)[:kept].sum() / expected * 2 * count / max(redundancy, 1.0), redundancy
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
