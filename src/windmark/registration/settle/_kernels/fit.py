@@ -33,8 +33,6 @@ AT_REST = 1e-10
 TRIM, TRIM_COST = 0.8, 1.2
 """The smallest squared residuals, which are exponential variables, that tell the misfit's variance; its sigma is so
 much larger for that."""
-VAGUE = 4.0
-"""A pair whose given variance is so many times that of the residuals tells nothing of an excess of theirs."""
 LARGEST_TURN = 1.0
 """A step that turns the model by more (radians) runs away."""
 
@@ -214,46 +212,32 @@ def excess_of(sights: Sights, state: State, table: Array, c: int, doubt2: float,
     itself; a weak prior, the given covariances and ``doubt2`` beyond them, steadies few pairs. So many sigma of the
     estimate as ``luck`` says are no excess: without it the mean of ``max(0, ...)`` would be one of its own. Without
     pairs it is only doubted.
-
-    Pairs that are `VAGUE` do not take part: the mean of the given covariances would be that of one such spot, hide the
-    excess of all others and close their gates.
     """
-    n, first = table.shape[1], sights.first[c]
+    n, first, taken = table.shape[1], sights.first[c], state.numbers[c, TAKEN]
     match, residual, own, cov = state.match[c], state.residual[c], table[c], sights.cov
-    squares, given, noises, count = np.empty(n), np.empty(n), np.empty(n), 0
+    squares, count, known, noise = np.empty(n), 0, 0.0, 0.0
     for m in range(n):
         if match[m] >= 0:
             s = first + match[m]
             squares[count] = residual[m, 0] ** 2 + residual[m, 1] ** 2
-            noises[count] = 0.5 * (cov[s, 0] + cov[s, 2])
-            given[count] = noises[count] + 0.5 * (own[m, 0] + own[m, 2])
+            noise += 0.5 * (cov[s, 0] + cov[s, 2])
+            known += 0.5 * (own[m, 0] + own[m, 2])
             count += 1
     if count == 0:
         return doubt2, 0.0
-    variance, redundancy = _trimmed(squares[:count], state.numbers[c, TAKEN])
-    most, kept = VAGUE * max(variance, np.median(given[:count])), 0
-    for k in range(count):
-        if given[k] <= most:
-            squares[kept], given[kept], noises[kept] = squares[k], given[k], noises[k]
-            kept += 1
-    if kept < count:
-        variance, redundancy = _trimmed(squares[:kept], state.numbers[c, TAKEN])
-    known, noise = given[:kept].mean(), noises[:kept].mean()
-    pooled = (PRIOR_WORTH * (known + doubt2) + redundancy * variance) / (PRIOR_WORTH + redundancy)
-    chance = luck * TRIM_COST * math.sqrt(2.0 * redundancy) / (PRIOR_WORTH + redundancy)
-    return max(0.0, pooled - known * (1.0 + chance)), noise
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _trimmed(squares: Array, taken: float) -> tuple[float, float]:
-    """Variance per coordinate by the smaller four fifths of squared residuals, and the redundancy of all of them."""
-    count, expected = squares.shape[0], 0.0
+    noise /= count
+    known = known / count + noise
     kept = math.ceil(TRIM * count)
+    squares = np.sort(squares[:count])
     # The j-th smallest of n unit exponentials has the mean 1 / n + 1 / (n - 1) + ... + 1 / (n - j + 1).
+    expected = 0.0
     for j in range(kept):
         expected += (kept - j) / (count - j)
     redundancy = max(2 * count - taken, 0.0)
-    return 0.5 * np.sort(squares)[:kept].sum() / expected * 2 * count / max(redundancy, 1.0), redundancy
+    variance = 0.5 * squares[:kept].sum() / expected * 2 * count / max(redundancy, 1.0)
+    pooled = (PRIOR_WORTH * (known + doubt2) + redundancy * variance) / (PRIOR_WORTH + redundancy)
+    chance = luck * TRIM_COST * math.sqrt(2.0 * redundancy) / (PRIOR_WORTH + redundancy)
+    return max(0.0, pooled - known * (1.0 + chance)), noise
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
