@@ -16,7 +16,7 @@ from windmark.resection.sources import (
     _of_mixing,
     _of_place,
     _smooth,
-    _variance,
+    pixel_variance,
     prepare,
     take,
     value_variance,
@@ -82,9 +82,9 @@ def test_the_variance_of_one_pixel_is_that_of_the_nearest_one(rng):
     picture = Picture("p", np.ones((30, 40)), CAMERA, ABOVE, sigma)
     ready = prepare(picture, SHEET, "linear", "verb")
     xy = np.array([[0.0, 0.0], [39.4, 29.4], [-0.5, 12.2], [7.4, 3.6], [39.0, 0.0]])
-    np.testing.assert_allclose(_variance(ready, np.ones(5), xy), sigma[[0, 29, 12, 4, 0], [0, 39, 0, 7, 39]] ** 2)
+    np.testing.assert_allclose(pixel_variance(ready, np.ones(5), xy), sigma[[0, 29, 12, 4, 0], [0, 39, 0, 7, 39]] ** 2)
     one = prepare(replace(picture, noise=3.0), SHEET, "linear", "verb")
-    np.testing.assert_allclose(_variance(one, np.ones(5), xy), 9.0)
+    np.testing.assert_allclose(pixel_variance(one, np.ones(5), xy), 9.0)
 
 
 @pytest.mark.parametrize(

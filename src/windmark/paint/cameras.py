@@ -275,7 +275,7 @@ def _pairs(value: Array, variance: Array, well: Mask) -> Iterator[tuple[int, int
 
 
 def cameras_apart(
-    names: Sequence[str], value: Array, variance: Array, well: Mask, systematic: float
+    names: Sequence[str], value: Array, variance: Array, well: Mask, systematic: float, steps: Array | None = None
 ) -> tuple[CamerasApart, ...]:
     """How far each two cameras with common nodes are apart.
 
@@ -285,6 +285,8 @@ def cameras_apart(
     value, variance : (C, N) as calibrated, gains taken off
     well : (C, N) nodes that a camera sees well
     systematic : part of the value by which cameras differ everywhere beyond their variances, one sigma of one camera
+    steps : (C, N) variance beside steps of the picture. What both cameras show there counts, as the rim of a marker:
+        a dead pixel of one of them is none
     """
     out = []
     for a, b, square, var, size in _pairs(value, variance, well):
@@ -292,7 +294,9 @@ def cameras_apart(
             continue
         least = 5e-13 * size
         typical = float(np.sqrt(np.median(square / np.maximum(var, least)) / _MEDIAN))
-        far = square > FAR**2 * np.maximum(var + systematic**2 * size, least)
+        both = well[a] & well[b]
+        rims = 0.0 if steps is None else 2 * np.minimum(steps[a, both], steps[b, both])
+        far = square > FAR**2 * np.maximum(var + systematic**2 * size + rims, least)
         out.append(CamerasApart(names[a], names[b], typical, float(far.mean())))
     return tuple(out)
 

@@ -18,6 +18,7 @@ from windmark.resection.nearest import SurfacePoints
 from windmark.resection.pixelmap import PixelMap
 from windmark.resection.seams import Seams
 from windmark.resection.sources import Prepared, Taken, take
+from windmark.resection.steps import step_variance
 from windmark.resection.surface_view import see_surface
 from windmark.resection.virtual import see_pixels
 from windmark.resection.visibility import NodeView
@@ -99,6 +100,11 @@ class MergedViews:
         merged = {k: (("node",), getattr(self.nodes, k), "") for k in ("value", "sigma", "source", "pictures")}
         own = {"values": (("picture", "node"), self.values, ""), "sigmas": (("picture", "node"), self.sigmas, "")}
         return xarray_dataset({**merged, **own}, {"picture": list(self.names)})
+
+    def step_variances(self) -> Array:
+        """(C, V) of `values`, beside steps of the picture (`steps.step_variance`): to compare pictures with."""
+        own = [step_variance(s, v) for s, v in zip(self._sources, self.views, strict=True)]
+        return np.stack(own) / self.gains.gain[:, None] ** 2
 
     def at(self, points: SurfacePoints) -> tuple[MergedValues, tuple[NodeView, ...]]:
         """Merged values at points of the surface, with the same weights and gains, and how each picture sees them."""

@@ -135,7 +135,7 @@ def take(
     n = len(value)
     variance, weight, taper = np.full(n, np.nan), np.zeros(n), np.zeros(n)
     xy = view.xy[good]
-    noise = _variance(source, value[good], xy)
+    noise = pixel_variance(source, value[good], xy)
     cam, jacobian = _projected(source.picture, xyz[good])
     variance[good] = noise * _noise_share(source, xy) + _of_place(source, cam, jacobian, xy) + _of_mixing(source, xy)
     turned = source.picture.cam_from_model.rotate(np.nan_to_num(normal[good]))
@@ -160,7 +160,7 @@ def value_variance(source: Prepared, view: NodeView, xyz: Array, value: Array, p
     out = np.full(len(value), np.nan)
     xy = view.xy[good]
     cam, jacobian = _projected(source.picture, xyz[good])
-    noise = _variance(source, value[good], xy) * _noise_share(source, xy)
+    noise = pixel_variance(source, value[good], xy) * _noise_share(source, xy)
     out[good] = noise + _of_place(source, cam, jacobian, xy) + _of_mixing(source, xy)
     if place_cov is not None:
         along = np.einsum("nk,nkj->nj", _gradient(source, xy), jacobian) @ source.picture.cam_from_model.rotation
@@ -173,7 +173,7 @@ def _projected(picture: Picture, xyz: Array) -> tuple[Array, Array]:
     return cam, picture.camera.point_jacobian(cam)[2]
 
 
-def _variance(source: Prepared, value: Array, xy: Array) -> Array:
+def pixel_variance(source: Prepared, value: Array, xy: Array) -> Array:
     """Variance of one pixel at points."""
     if isinstance(source.noise, NoiseLaw):
         return source.noise.variance(value)

@@ -60,7 +60,8 @@ def run_verdict(result: RunResult) -> Verdict:
 def _contradicted(merged: Sequence[MergedViews]) -> list[Finding]:
     """Pictures whose values are not those of one surface: another curve of grey levels, light that went off."""
     return apart_findings(
-        [cameras_apart(m.names, m.values, m.sigmas**2, m.well, m.gains.systematic) for m in merged], "values of",
+        [cameras_apart(m.names, m.values, m.sigmas**2, m.well, m.gains.systematic, m.step_variances()) for m in merged],
+        "values of",
         "check exposure, black level and gamma of each camera", "light that went off, oil or dirt",
         "points" if len(merged) > 1 else "",
     )  # fmt: skip
