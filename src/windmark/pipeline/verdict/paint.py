@@ -173,7 +173,7 @@ def _contradicted(r: PointRecord) -> Iterator[Finding]:
         ("change by", 100 * (r.fit.get("slope", np.nan) - 1), 100 * r.fit.get("slope_sigma", np.nan), "%",
          "the span of the scanner"),
     ):  # fmt: skip
-        if abs(value) > rules.CONTRADICTED * sigma:
+        if abs(value) > rules.FIT_CONTRADICTED * sigma:
             yield Finding(
                 DOUBTFUL,
                 "taps",

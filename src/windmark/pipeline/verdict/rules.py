@@ -102,7 +102,7 @@ BEYOND = 0.1
 SCATTER, SCATTER_TIMES = 0.01, 3.0
 """Part of the light by which a typical node differs from picture to picture beyond noise, and such scatter over noise:
 of pictures of one state lamps are evened out and noise is left; 1 % is 0.03 in Cp at Mach 0.8."""
-CONTRADICTED = 5.0
+FIT_CONTRADICTED = 5.0
 """Sigmas by which a fit to taps may move the paint's own pressure, or its slope, where both are right."""
 FLICKER = 0.05
 """Relative standard deviation of the light from picture to picture that no lamp has, unless it fails."""
