@@ -29,7 +29,7 @@ UNLIKELY = FALSE / 3
 
 @dataclass(frozen=True)
 class Otherwise:
-    """A view whose focal length (K = 1, relative) or principal point (K = 2, px) is another one.
+    """A view whose focal length (K = 1, relative), principal point (K = 2, px) or shear (K = 2) is another one.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Unnoticed:
 
 @dataclass(frozen=True)
 class Asked:
-    """What the marks say of the focal lengths, or of the principal points, of the views that share their camera's.
+    """What the marks say of one kind of change of the views that share their camera's interior.
 
     Parameters
     ----------

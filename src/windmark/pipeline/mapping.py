@@ -82,16 +82,17 @@ def map_image(
             sections = _each(
                 project.section, lambda cut: _section(cut, image, result.camera, pose, mesh, options), lost
             )
+        with clock("pixel map"):
+            seen = resection.map_pixels(mesh, result.camera, pose)
         with clock("sigma of values"):
-            source = prepare(picture_of(result), mesh, options.interpolation, "map_image")
+            source = prepare(picture_of(result), mesh, options.interpolation, "map_image", seen)
             sigma = np.sqrt(value_variance(source, nodes, mesh.vertices, values.astype(float))).astype(np.float32)
         with clock("points and lines"):
             tables = image_points(points, source, mesh, max_obliquity_deg=options.max_obliquity_deg)
         result = replace(result, nodes=nodes, values=values, sigma=sigma, views=views, sections=sections, points=tables,
                          left_out=tuple(lost))  # fmt: skip
         if project.output.pixels:
-            with clock("pixel map"):
-                result = replace(result, pixels=resection.map_pixels(mesh, result.camera, pose))
+            result = replace(result, pixels=seen)
     except WindmarkError as error:
         result = replace(result, problem=str(error))
     return replace(result, seconds={**result.seconds, **clock.seconds})

@@ -11,7 +11,7 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry.described import described
 from windmark.geometry.rotations import hat
 from windmark.resection.noise import NoiseLaw, noise_law
-from windmark.resection.pixelmap import map_pixels
+from windmark.resection.pixelmap import PixelMap, map_pixels
 from windmark.resection.sampling import Image, checked_image, checked_interpolation, interpolate_image, node_values
 from windmark.resection.silhouettes import silhouette
 from windmark.resection.visibility import NodeView
@@ -91,8 +91,10 @@ class Taken:
     taper: Array
 
 
-def prepare(picture: Picture, mesh: Mesh, interpolation: str, verb: str) -> Prepared:
-    """Check a picture, and find the outlines beside which it mixes two surfaces."""
+def prepare(
+    picture: Picture, mesh: Mesh, interpolation: str, verb: str, seen: PixelMap | None = None
+) -> Prepared:
+    """Check a picture, and find the outlines beside which it mixes two surfaces; ``seen``: it is mapped already."""
     pixels = checked_image(picture.image, picture.camera.size_px, verb)
     if pixels.ndim != 2:
         raise ValueError(f"{verb}: image must be (H, W), got {pixels.shape}")
@@ -100,7 +102,8 @@ def prepare(picture: Picture, mesh: Mesh, interpolation: str, verb: str) -> Prep
     cov = picture.pose_cov
     if cov is not None and (np.ndim(cov) != 2 or np.shape(cov)[0] < 6 or np.shape(cov)[0] != np.shape(cov)[1]):
         raise ValueError(f"{verb}: pose_cov must be (6, 6), got {np.shape(cov)}")
-    return Prepared(picture, pixels, _noise(picture, verb), interpolation, _inside_px(pixels, mesh, picture))
+    seen = map_pixels(mesh, picture.camera, picture.cam_from_model) if seen is None else seen
+    return Prepared(picture, pixels, _noise(picture, verb), interpolation, _inside_px(pixels, seen))
 
 
 def _noise(picture: Picture, verb: str) -> NoiseLaw | Array:
@@ -114,10 +117,10 @@ def _noise(picture: Picture, verb: str) -> NoiseLaw | Array:
     return sigma**2 if sigma.ndim else NoiseLaw(float(sigma) ** 2, 0.0, 0.0)
 
 
-def _inside_px(pixels: Image, mesh: Mesh, picture: Picture) -> Array:
+def _inside_px(pixels: Image, seen: PixelMap) -> Array:
     from scipy.ndimage import distance_transform_edt
 
-    bad = silhouette(map_pixels(mesh, picture.camera, picture.cam_from_model)) | ~np.isfinite(pixels)
+    bad = silhouette(seen) | ~np.isfinite(pixels)
     return np.asarray(distance_transform_edt(~bad)) if bad.any() else np.full(pixels.shape, np.inf)
 
 

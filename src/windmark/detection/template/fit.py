@@ -106,8 +106,8 @@ def fit_all(
     flat, gone = np.zeros(numbers.sum()), np.full(len(half), -1) if gone is None else gone
     cut_and_fit(
         *scene.measured(), done.pixel, half, order, starts, reach, others.xy, others.radius, others.margin,
-        others.index, gone, done.states, *known, still, share, done.table, done.params, done.cov,
-        flat,
+        others.index, gone, done.states, *known, still, share, done.table, done.params,
+        done.cov, flat,
     )  # fmt: skip
     done.usable[:], done.saturated[:] = _of_measured(scene, request, done.pixel, start, share[:, 0]), share[:, 1]
     done.states[:, :2] -= start

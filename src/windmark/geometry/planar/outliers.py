@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -13,6 +15,7 @@ from windmark.geometry.planar.transform import NEEDED, PlanarTransform
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Fitter = Callable[[str, NDArray[np.int64]], PlanarFit | None]
 
 CHANCE = 1e-5
 """A good pair looks so wrong as rarely as this."""
@@ -84,20 +87,29 @@ def sound_pairs(x: Array, y: Array, cov_x: Array, cov_y: Array) -> Mask:
         sigma = np.hypot(fit.transform.sigma_px(x[bent]), spread[bent])
         kept[np.array(bent)[np.hypot(*off.T) < SIGMAS * sigma]] = True
     most = _of_one_motion(x, y, cov_x, cov_y, spread)
-    if most is None or most.all():
-        return kept
+    several = bool(bent) and int((~kept).sum()) > 1
+    return most if most is not None and _two_motions(fitted, x, kept, most, several) else kept
+
+
+def _two_motions(fitted: Fitter, x: Array, kept: Mask, most: Mask, several: bool) -> bool:
+    """Whether the pairs besides ``most`` moved by a step, rather than with a surface that bends, as ``kept`` has it.
+
+    ``several``: a spline called several pairs wrong.
+    """
+    if most.all():
+        return False
     # One column of markers does not tell how the motion goes on from it: it may bend there.
     one, other = fitted("affine", np.flatnonzero(most)), fitted("affine", np.flatnonzero(~most))
     if one is None or other is None or not _is_step(one.transform, other.transform, x[most], x[~most]):
-        return kept
-    if bent and (~kept).sum() > 1:
-        return most
+        return False
+    if several:
+        return True
     # A spline that takes a step for bending predicts the markers at it worse than two motions do.
     smooth, few = fitted("spline", np.flatnonzero(kept)), kept[~most]
     if smooth is None or not few.any():
-        return kept
+        return False
     apart = np.vstack([one.held_out[kept[most]], other.held_out[few]])
-    return most if _rms(apart) < BETTER * _rms(smooth.held_out) else kept
+    return float(np.sqrt((apart**2).sum(axis=1).mean())) < BETTER * smooth.held_out_px
 
 
 def _is_step(one: PlanarTransform, other: PlanarTransform, x: Array, x_other: Array) -> bool:
@@ -112,10 +124,6 @@ def _is_step(one: PlanarTransform, other: PlanarTransform, x: Array, x_other: Ar
     t = np.clip(-(first * along).sum(axis=1) / length, 0.0, 1.0)
     least = np.hypot(*(first + t[:, None] * along).T)
     return bool(np.median(least / np.maximum(np.hypot(*last.T), 1e-300)) > STEP)
-
-
-def _rms(off: Array) -> float:
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 def _of_one_motion(x: Array, y: Array, cov_x: Array, cov_y: Array, spread: Array) -> Mask | None:

@@ -85,8 +85,7 @@ def parts_of(answer: ImageAlignment) -> list[Record]:
         i, j = answer.rejected[part].T
         there = answer.reference_spots.xy[i]
         off = np.hypot(*(answer.image_spots.xy[j] - answer.transform.apply(there)).T)
-        x, y = ([float(of.min()), float(of.max())] for of in there.T)
-        out.append({"markers": len(part), "x": x, "y": y, "off_px": float(np.median(off))})
+        out.append({"markers": len(part), **_extent(there), "off_px": float(np.median(off))})
     return out
 
 
@@ -104,8 +103,12 @@ def still_part(answer: ImageAlignment, *, named: bool) -> Record | None:
     copied = not named and is_repeated(one, there, one, here, sigma)
     if copied:
         there = there[np.abs(there - here).max(axis=1) < PART * sigma]
-    x, y = ([float(of.min()), float(of.max())] for of in there.T)
-    return {"x": x, "y": y, "copied": len(there) if copied else 0}
+    return {**_extent(there), "copied": len(there) if copied else 0}
+
+
+def _extent(there: NDArray[np.float64]) -> Record:
+    """Smallest and largest x and y of places (N, 2)."""
+    return {axis: [float(of.min()), float(of.max())] for axis, of in zip("xy", there.T, strict=True)}
 
 
 def ratios(item: AlignedFile, reference: Reference) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.pipeline.infrared.windows import frames_round, size, spread
+
 Array = NDArray[np.float64]
 
 USUAL = 6.0
@@ -82,15 +84,15 @@ def breaks_of(values: Sequence[Array | None], times: Array) -> list[Break]:
     looks = _looks(values, times)
     if not looks:
         return []
-    noise = float(np.median([_spread(look.beyond) for look in looks.values()]))
+    noise = float(np.median([spread(look.beyond) for look in looks.values()]))
     level = float(np.median([abs(np.median(look.beyond)) for look in looks.values()]))
-    change = float(np.median([_spread(c) for look in looks.values() for c in look.changes]))
+    change = float(np.median([spread(c) for look in looks.values() for c in look.changes]))
     out = []
     for k, look in looks.items():
         if _lost(look, noise, level):
             out.append(Break(k, float(np.median(look.beyond)), _count(look)))
         elif _pattern(look, noise, change):
-            out.append(Break(k, _spread(look.beyond)))
+            out.append(Break(k, spread(look.beyond)))
     return out
 
 
@@ -114,7 +116,7 @@ def unlike_heat(values: Sequence[Array | None], k: int, level: bool) -> bool:
         return False
     beyond, rise = (steps[1] - 0.5 * (steps[0] + steps[2]))[on], rise[on]
     if level:
-        even, heated = (_spread(a) / max(abs(float(np.median(a))), 1e-12) for a in (beyond, rise))
+        even, heated = (spread(a) / max(abs(float(np.median(a))), 1e-12) for a in (beyond, rise))
         return bool(even < LIKE * heated)
     basis = np.stack([steps[2][on], rise], axis=1)
     rest = beyond - basis @ np.linalg.lstsq(basis, beyond, rcond=None)[0]
@@ -124,23 +126,16 @@ def unlike_heat(values: Sequence[Array | None], k: int, level: bool) -> bool:
 def _looks(values: Sequence[Array | None], times: Array) -> Mapping[int, _Look]:
     """Frame -> steps, where six frames in a row have them."""
     out = {}
-    spacing = np.diff(times)
-    usual = 1.5 * float(np.median(spacing)) if len(spacing) else 0.0
-    for k in range(2, len(values) - 3):
-        six = [v for v in values[k - 2 : k + 4] if v is not None]
-        if len(six) < 6 or (spacing[k - 2 : k + 3] > usual).any():
-            continue
-        steps = np.diff(np.array(six), axis=0)
-        steps = steps[:, np.isfinite(steps).all(axis=0)]
-        if steps.size:
-            out[k] = _Look(steps, steps[2] - 0.5 * (steps[1] + steps[3]))
+    for k, six in frames_round(values, times, 2, 3):
+        steps = np.diff(six, axis=0)
+        out[k] = _Look(steps, steps[2] - 0.5 * (steps[1] + steps[3]))
     return out
 
 
 def _pattern(look: _Look, noise: float, change: float) -> bool:
     """Whether the nodes go apart in one step by more than noise, and by more than heat does that changes."""
-    here = _spread(look.beyond)
-    by_heat = np.sqrt(max(max(_spread(c) ** 2 for c in look.changes) - change**2, 0.0))
+    here = spread(look.beyond)
+    by_heat = np.sqrt(max(max(spread(c) ** 2 for c in look.changes) - change**2, 0.0))
     beside = float(np.abs(np.median(look.steps[[1, 3]], axis=1)).max())
     return bool(here > max(USUAL * noise, SUDDEN * by_heat, PART * beside))
 
@@ -160,8 +155,8 @@ def _lost(look: _Look, noise: float, level: float) -> bool:
     n = beyond / float(np.median(look.rate))
     # Of six frames of equal noise: beyond and rate have parts of it in common.
     own = noise**2 * (1 + 0.3 * n + 0.05 * n**2)
-    as_lost = (1.4826 * float(np.median(np.abs(look.beyond - n * look.rate)))) ** 2 - own
-    return bool(0 < n < MOST and as_lost < _spread(look.beyond) ** 2 - noise**2)
+    as_lost = size(look.beyond - n * look.rate) ** 2 - own
+    return bool(0 < n < MOST and as_lost < spread(look.beyond) ** 2 - noise**2)
 
 
 def _count(look: _Look) -> tuple[int, int]:
@@ -175,8 +170,3 @@ def _count(look: _Look) -> tuple[int, int]:
         misfit.append(float(np.linalg.norm(course - basis @ np.linalg.lstsq(basis, course, rcond=None)[0])))
     likely = np.flatnonzero(np.array(misfit) <= LIKELY * min(misfit)) + 1
     return int(likely[0]), int(likely[-1])
-
-
-def _spread(values: Array) -> float:
-    """Robust sigma of values (N,)."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))

@@ -13,6 +13,7 @@ from windmark.pipeline.infrared.breaks import Break, breaks_of, unlike_heat
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.start import thick
 from windmark.pipeline.infrared.store import Store, every
+from windmark.pipeline.infrared.windows import frames_round, spread
 
 Array = NDArray[np.float64]
 
@@ -113,20 +114,11 @@ def jumps_of(values: Sequence[Array | None], times: Array) -> list[tuple[int, fl
     times : (F,) seconds; what lies beside a pause is not asked
     """
     out = []
-    spacing = np.diff(times)
-    usual = 1.5 * float(np.median(spacing))
-    for k in range(1, len(values) - 2):
-        four = [v for v in values[k - 1 : k + 3] if v is not None]
-        if len(four) < 4 or (spacing[k - 1 : k + 2] > usual).any():
-            continue
-        steps = np.diff(np.array(four), axis=0)
-        steps = steps[:, np.isfinite(steps).all(axis=0)]
-        if not steps.size:
-            continue
+    for k, four in frames_round(values, times, 1, 2):
+        steps = np.diff(four, axis=0)
         beyond = steps[1] - 0.5 * (steps[0] + steps[2])
         jump = float(np.median(beyond))
-        spread = 1.4826 * float(np.median(np.abs(beyond - jump)))
         before, now, after = np.abs(np.median(steps, axis=1))
-        if abs(jump) > EVEN * spread and now > SUDDEN * max(before, after):
+        if abs(jump) > EVEN * spread(beyond) and now > SUDDEN * max(before, after):
             out.append((k, jump))
     return out

@@ -13,11 +13,10 @@ from windmark.pipeline.infrared.breaks import PART, SUDDEN, USUAL
 from windmark.pipeline.infrared.jumps import ASKED
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.store import Store
+from windmark.pipeline.infrared.windows import NORMAL, frames_round, size
 
 Array = NDArray[np.float64]
 
-NORMAL = 1.4826
-"""Sigma of normal deviates over the median of their size."""
 SHOWN = 3
 """Frames of a camera that are named."""
 
@@ -55,19 +54,11 @@ def odd_of(values: Sequence[Array | None], times: Array) -> list[tuple[int, floa
     values : (N,) of each frame, NaN where unknown; None where the camera has no picture
     times : (F,) seconds; what lies beside a pause is not asked
     """
-    spacing = np.diff(times)
-    usual = 1.5 * float(np.median(spacing)) if len(spacing) else 0.0
     looks = {}
-    for k in range(2, len(values) - 2):
-        five = [v for v in values[k - 2 : k + 3] if v is not None]
-        if len(five) < 5 or (spacing[k - 2 : k + 2] > usual).any():
-            continue
-        t = np.array(five)
-        t = t[:, np.isfinite(t).all(axis=0)]
-        if t.size:
-            before, over, behind = t[1] - t[0], 0.5 * (t[3] - t[1]), t[4] - t[3]
-            off = _size(t[2] - 0.5 * (t[1] + t[3]))
-            looks[k] = off, [_size(over - before), _size(behind - over), _size(behind - before)], _size(over)
+    for k, t in frames_round(values, times, 2, 2):
+        before, over, behind = t[1] - t[0], 0.5 * (t[3] - t[1]), t[4] - t[3]
+        off = size(t[2] - 0.5 * (t[1] + t[3]))
+        looks[k] = off, [size(over - before), size(behind - over), size(behind - before)], size(over)
     if not looks:
         return []
     noise = float(np.median([off for off, _, _ in looks.values()]))
@@ -76,8 +67,3 @@ def odd_of(values: Sequence[Array | None], times: Array) -> list[tuple[int, floa
         (k, off / NORMAL) for k, (off, changes, step) in looks.items()
         if off > max(USUAL * noise, SUDDEN * np.sqrt(max(max(changes) ** 2 - change**2, 0.0)), PART * step)
     ]  # fmt: skip
-
-
-def _size(values: Array) -> float:
-    """Of a typical node (N,), as a sigma."""
-    return NORMAL * float(np.median(np.abs(values)))

@@ -11,6 +11,7 @@ from windmark.errors import g3
 from windmark.paint import Wall, before_start
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.store import Store
+from windmark.pipeline.infrared.windows import size
 from windmark.tasks.infrared import merged_temperature
 
 Array = NDArray[np.float64]
@@ -105,7 +106,7 @@ def _middle(steps: Array) -> list[float] | None:
         return None
     middle = np.median(steps, axis=1)
     off = np.diff(steps - middle[:, None], axis=0) / np.sqrt(3)  # by noise: three times a step's, less of the heating
-    known = 1.25 * 1.4826 * float(np.median(np.abs(off))) / np.sqrt(steps.shape[1])
+    known = 1.25 * size(off) / np.sqrt(steps.shape[1])
     return [float(m) for m in middle] if known < SURE * np.abs(middle).max() else None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from windmark.errors import g2, g3
@@ -11,7 +13,8 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.resection.seat import OFF, Seat, seat
 from windmark.scene import MarkerSet, Mesh
-from windmark.scene.lone_nodes import lone_nodes, where
+from windmark.scene.doubled import part_of
+from windmark.scene.lone_nodes import LoneNode, lone_nodes, where
 from windmark.scene.units import spelt
 
 _STEP = "bring grid and table of markers into one frame, at one size: pictures are mapped to the grid where it stands"
@@ -22,8 +25,12 @@ def grid_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
     model = markers.take(markers.role != "wall")
     if not (len(model) and len(mesh.triangles)):
         return []
-    seated = units_findings(markers, mesh, unit) or _beside(seat(mesh, model.xyz, model.normal), model, unit)
-    return [*_alone(mesh, unit), *seated]
+    nodes = lone_nodes(mesh)
+    # How large the grid is, and what is how far from it, does not hang on them.
+    theirs = np.asarray(np.isin(mesh.triangles, [n.node for n in nodes]).any(axis=1))
+    rest = part_of(mesh, ~theirs) if nodes else mesh
+    seated = units_findings(markers, rest, unit) or _beside(seat(rest, model.xyz, model.normal), model, unit)
+    return [*_alone(mesh, nodes, unit), *seated]
 
 
 def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
@@ -44,8 +51,7 @@ def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
     ]
 
 
-def _alone(mesh: Mesh, unit: str) -> list[Finding]:
-    nodes = lone_nodes(mesh)
+def _alone(mesh: Mesh, nodes: Sequence[LoneNode], unit: str) -> list[Finding]:
     if not nodes:
         return []
     first = nodes[0]
