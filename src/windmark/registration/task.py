@@ -136,6 +136,14 @@ class Task:
         """Whether (N,) spots of the markers contain all fixed pairs."""
         return all(match[marker] == spot for spot, marker in self.fixed)
 
+    def label_of(self, match: NDArray[np.int32]) -> tuple[int, int] | None:
+        """Of (N,) spots of the markers that has the first fixed spot, and which marker that is to be; None if none has.
+        """  # fmt: skip
+        for spot, marker in self.fixed:
+            if len(has := np.flatnonzero(match == spot)):
+                return int(has[0]), marker
+        return None
+
     def hidden_from(self, pose: Pose, camera: Camera) -> NDArray[np.bool_]:
         """(N,) markers that something hides from a camera."""
         if self.visible is None:

@@ -8,6 +8,7 @@ taken for. Tests: tests/registration/test_layout.py.
 from __future__ import annotations
 
 import math
+from itertools import combinations, permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -65,15 +66,10 @@ def alike_triangles(model: Model, triangles: Ints) -> list[tuple[Ints, Ints]]:
     xyz, near, order = model.xyz, model.near[:, :NEIGHBOURS], _order(len(model.xyz))
     second, third = (way.ravel() for way in np.nonzero(~np.eye(near.shape[1], dtype=bool)))
     a, b, c = np.repeat(order, len(second)), near[order][:, second].ravel(), near[order][:, third].ravel()
-    sides = [_lengths2(xyz, *ends) for ends in ((a, b), (a, c), (b, c))]
-    found = []
+    images, found = np.stack([a, b, c], axis=1).astype(np.int32), []
     for some in np.array_split(triangles, 1 if len(xyz) <= 2 * SAMPLE else len(triangles)):
-        alike = np.ones((len(some), len(a)), dtype=bool)
-        for side, (one, other) in zip(sides, ((0, 1), (0, 2), (1, 2)), strict=True):
-            own = _lengths2(xyz, some[:, one], some[:, other])[:, None]
-            alike &= (side < STRETCH**2 * own) & (own < STRETCH**2 * side)
-        of, row = np.nonzero(alike)
-        found.append((np.stack([a[row], b[row], c[row]], axis=1).astype(np.int32), some[of]))
+        of, row = np.nonzero(_alike(xyz, some, images))
+        found.append((images[row], some[of]))
     return found
 
 
@@ -91,13 +87,9 @@ def symmetries_of(model: Model, alike: list[tuple[Ints, Ints]], least: int, most
     -------
     (S, N) the marker onto which each one is brought or -1.
     """
-    xyz, n, field = model.xyz, len(model.xyz), field_of(model)
-    sample = _order(n)[int(n > 2 * SAMPLE) :][: SAMPLE if n > 2 * SAMPLE else n].astype(np.int32)
-    found = Motions(np.full((most, n), -1, np.int32), np.zeros(most, np.int64), np.zeros(most, np.int64))
+    xyz, field, sample, found = model.xyz, field_of(model), _sample(len(model.xyz)), _room(most, len(model.xyz))
     for image, triangle in alike:
-        to, corners = xyz[image], xyz[triangle]
-        turn = _axes(to, -1.0 if mirrored else 1.0).transpose(0, 2, 1) @ _axes(corners, 1.0)
-        shift = to.mean(axis=1) - (turn @ corners.mean(axis=1)[:, :, None])[:, :, 0]
+        turn, shift = _of_triangles(xyz, triangle, image, -1.0 if mirrored else 1.0)
         around = model.near[triangle[:, 0], :NEIGHBOURS]
         motions_kernel(field, around, sample, turn, shift, least, mirrored, found)
     # A triangle tells the turn of a large model roughly, so of a motion and the way back (the shift by a row to the
@@ -110,8 +102,35 @@ def symmetries_of(model: Model, alike: list[tuple[Ints, Ints]], least: int, most
         middle = [(m := np.flatnonzero(row >= 0))[len(m) // 2] for row in onto]
         around = model.near[np.concatenate([middle, onto[np.arange(len(onto)), middle]]), :NEIGHBOURS]
         motions_kernel(field, around, sample, turn, shift, least, mirrored, found)
-    best = np.lexsort([found.serial, -found.brought])
-    return found.onto[best[: (found.brought > 0).sum()]]
+    return _best_first(found)
+
+
+def symmetries_at(model: Model, marker: int, to: int, least: int, most: int) -> Ints:
+    """Motions that bring a marker onto another one, or onto itself, and its neighbours onto that one's.
+
+    Of a regular layout of many markers these are few among hundreds, most of which bring more markers onto others.
+
+    Parameters
+    ----------
+    marker, to : which one, and onto which
+    least, most : see `symmetries_of`
+
+    Returns
+    -------
+    (S, N) the marker onto which each one is brought or -1; the identity is not among them.
+    """
+    xyz, field, sample, found = model.xyz, field_of(model), _sample(len(model.xyz)), _room(most, len(model.xyz))
+    near, near_to = model.near[marker, :NEIGHBOURS], model.near[to, :NEIGHBOURS]
+    triangle = np.array([(marker, *two) for two in combinations(near, 2)], dtype=np.int32).reshape(-1, 3)
+    image = np.array([(to, *two) for two in permutations(near_to, 2)], dtype=np.int32).reshape(-1, 3)
+    of, row = np.nonzero(_alike(xyz, triangle, image))
+    turn, shift = _of_triangles(xyz, triangle[of], image[row], 1.0)
+    motions_kernel(field, near[None].repeat(len(of), axis=0), sample, turn, shift, least, False, found)
+    if len(onto := found.onto[found.brought > 0]):  # a triangle tells the turn of a large model roughly
+        motions_kernel(field, near[None].repeat(len(onto), axis=0), sample, *motions_of(xyz, onto, 1.0), least, False,
+                       found)  # fmt: skip
+    onto = _best_first(found)
+    return onto[onto[:, marker] == to]
 
 
 def motions_of(xyz: Array, onto: Ints, determinant: float) -> tuple[Array, Array]:
@@ -127,6 +146,36 @@ def motions_of(xyz: Array, onto: Ints, determinant: float) -> tuple[Array, Array
     left[:, :, 2] *= (determinant * np.linalg.det(left @ right))[:, None]
     turn = left @ right
     return turn, centre_to - np.einsum("sab,sb->sa", turn, centre)
+
+
+def _alike(xyz: Array, triangles: Ints, images: Ints) -> NDArray[np.bool_]:
+    """(T, K) whether triangles (T, 3) and images (K, 3) have sides of about the same lengths, corner by corner."""
+    alike = np.ones((len(triangles), len(images)), dtype=bool)
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        own = _lengths2(xyz, triangles[:, one], triangles[:, other])[:, None]
+        side = _lengths2(xyz, images[:, one], images[:, other])
+        alike &= (side < STRETCH**2 * own) & (own < STRETCH**2 * side)
+    return alike
+
+
+def _of_triangles(xyz: Array, triangle: Ints, image: Ints, hand: float) -> tuple[Array, Array]:
+    """Rotations (K, 3, 3), or (hand -1) reflections, and translations (K, 3) from triangles (K, 3) to their images."""
+    to, corners = xyz[image], xyz[triangle]
+    turn = _axes(to, hand).transpose(0, 2, 1) @ _axes(corners, 1.0)
+    return turn, to.mean(axis=1) - (turn @ corners.mean(axis=1)[:, :, None])[:, :, 0]
+
+
+def _room(most: int, n: int) -> Motions:
+    return Motions(np.full((most, n), -1, np.int32), np.zeros(most, np.int64), np.zeros(most, np.int64))
+
+
+def _best_first(found: Motions) -> Ints:
+    best = np.lexsort([found.serial, -found.brought])
+    return found.onto[best[: (found.brought > 0).sum()]]
+
+
+def _sample(n: int) -> Ints:
+    return _order(n)[int(n > 2 * SAMPLE) :][: SAMPLE if n > 2 * SAMPLE else n].astype(np.int32)
 
 
 def _order(n: int) -> NDArray[np.int64]:

@@ -196,7 +196,9 @@ class Source:
     def _turn_about(self, best: Solution) -> None:
         """What the near-symmetries of the model make of a solution, in all cameras at once."""
         state = best.state
-        for onto, turn, shift in zip(*self.views.layout.symmetries, strict=True):
+        labels = (plane.task.label_of(state.match[c]) for c, plane in enumerate(self.views.planes))
+        label = next((label for label in labels if label is not None), None)
+        for onto, turn, shift in zip(*self.views.layout.symmetries_with(label), strict=True):
             # The spot of marker m is taken for that of marker onto[m], so the rig sees the model moved back.
             match = np.full_like(state.match, -1)
             match[:, onto[onto >= 0]] = state.match[:, onto >= 0]

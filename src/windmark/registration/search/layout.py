@@ -11,7 +11,7 @@ from windmark.geometry import DegenerateGeometry, Pose
 from windmark.registration._kernels.hypothesis import Model
 from windmark.registration._kernels.near import nearest
 from windmark.registration._kernels.quad import Table, table_of
-from windmark.registration._kernels.symmetry import alike_triangles, motions_of, symmetries_of
+from windmark.registration._kernels.symmetry import alike_triangles, motions_of, symmetries_at, symmetries_of
 from windmark.registration.cached import cached_property
 from windmark.registration.search.field import FAINTEST, FAR, REACH, STIFF, SUPPLE, Field, extents, field_of, modes_of
 from windmark.registration.task import on_line
@@ -28,6 +28,8 @@ DIRECTIONS = 60
 """Directions, all round, from which the quads are tabled."""
 SYMMETRIES, LEAST_BROUGHT = 200, 0.2
 """Near-symmetries kept at most, and the part of the markers that each must bring onto others."""
+SYMMETRIES_AT, LEAST_AT = 24, 5
+"""The same of those about one marker: there are 12 of a triangular lattice, front and back."""
 SEEDS = 6
 """Triangles whose like is looked for; a near-symmetry that takes all of them off the model is of no use."""
 FLAT = 0.15
@@ -75,6 +77,7 @@ class Layout:
         self.markers = markers
         self.model, self.frame = unit_model(markers.xyz, markers.normal)
         self._tables: dict[int, Table] = {}
+        self._at: dict[tuple[int, int], tuple[Ints, Array, Array]] = {}
 
     def is_of(self, markers: MarkerSet) -> bool:
         """Whether it was prepared from these markers."""
@@ -108,6 +111,22 @@ class Layout:
         Of the unit model. The identity is not among them.
         """
         return self._motions(mirrored=False)
+
+    def symmetries_with(self, label: tuple[int, int] | None) -> tuple[Ints, Array, Array]:
+        """The same, and those that bring the marker ``label[0]`` onto the marker ``label[1]``, or onto itself, however
+        few they bring onto others.
+
+        Of a regular layout `symmetries` has mostly shifts, as those bring most; the quarter turn about a marker that is
+        labelled by hand is not among them where that is far from the middle.
+        """
+        if label is None:
+            return self.symmetries
+        if label not in self._at:
+            onto = symmetries_at(self.model, *label, LEAST_AT, SYMMETRIES_AT)
+            at = onto, *motions_of(self.model.xyz, onto, 1.0)
+            onto, turn, shift = (np.concatenate(two) for two in zip(self.symmetries, at, strict=True))
+            self._at[label] = onto, turn, shift
+        return self._at[label]
 
     @cached_property
     def mirrors(self) -> tuple[Ints, Array, Array]:

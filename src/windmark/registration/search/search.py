@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from windmark.options.registration import METHOD
 from windmark.registration._kernels.growth import grow
+from windmark.registration._kernels.hypothesis import Picture
 from windmark.registration._kernels.match import search_kernel
 from windmark.registration._kernels.rival import made_kernel, rivals_kernel
 from windmark.registration.budget import LINK, Budget
@@ -35,6 +36,9 @@ from windmark.registration.task import with_focal
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
+
+Made = tuple[Array, Array, float, Ints]
+"""Poses (S, 3, 3), (S, 3), a focal length and labels (S, N) that solutions may be grown from."""
 
 LABEL_POSES, LABEL_TRIPLETS = 4, 4
 """Poses taken from labels, as three of them leave so many, and the triplets of labels that they come from."""
@@ -166,12 +170,11 @@ class Search:
         """
         spots = candidate.match[candidate.match >= 0]
         picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
-        work, beaten = rivals_kernel(
-            self.plane.model, picture, self._gates, self._free.best, *self._made_of(candidate)
-        )  # fmt: skip
-        self._budget.spend(LINK * work)
-        if beaten:
-            return True
+        made, keeps = self._made_of(candidate)
+        # Those that have the labels have places of their own: a regular layout has many shifts that lack them.
+        for pool, of_these in ((self._free, ~keeps), (self._bound, keeps)) if self.task.fixed else ((self._free, keeps),):
+            if self._grown(picture, made, of_these, pool):
+                return True
         others = _without(len(picture.p), spots)
         table, check = self.plane.layout.table(REACHES[1]), self._trials.check(CHECKS[-1])
         # The candidate itself may have grown from a bad start: it is grown again from its quads.
@@ -195,22 +198,29 @@ class Search:
         best = next(iter(self._free.top(1)), None)
         if best is None or best is self._moved or best.score < self._stop_at:
             return
-        self._moved, (r, t, focal, match) = best, self._made_of(best)
-        kept = [n for n in range(len(match)) if n == 0 or self.task.keeps(match[n])]
-        self._budget.spend(LINK * rivals_kernel(
-            self.plane.model, self.plane.picture(len(self.task.xy)), self._gates, self._bound.best,
-            r[kept], t[kept], focal, match[kept],
-        )[0])  # fmt: skip
+        self._moved, (made, keeps) = best, self._made_of(best)
+        self._grown(self.plane.picture(len(self.task.xy)), made, keeps, self._bound)
 
-    def _made_of(self, candidate: Candidate) -> tuple[Array, Array, float, Ints]:
+    def _grown(self, picture: Picture, made: Made, these: NDArray[np.bool_], pool: Pool) -> bool:
+        """Grow some (S,) of what is made of a candidate into a pool; whether one beats it by far."""
+        r, t, focal, match = made
+        these = np.concatenate([[True], these[1:]])  # the first one is its own
+        work, beaten = rivals_kernel(
+            self.plane.model, picture, self._gates, pool.best, r[these], t[these], focal, match[these]
+        )
+        self._budget.spend(LINK * work)
+        return bool(beaten)
+
+    def _made_of(self, candidate: Candidate) -> tuple[Made, NDArray[np.bool_]]:
         """Poses and labels that start from a candidate: its own, what the near-symmetries make of it, and the other
-        pose that sees nearly flat markers almost the same, mirrored in their plane and across the line of sight.
+        pose that sees nearly flat markers almost the same, mirrored in their plane and across the line of sight; and
+        which of them have the labels.
 
         With a prior only those that lead to a pose it allows: a regular grid has many, and the others would take all
         the places that are kept for rivals.
         """  # fmt: skip
         task, (rotation, translation) = self.task, self.plane.frame.unit(candidate.cam_from_model)
-        onto, turn, shift = self.plane.layout.symmetries
+        onto, turn, shift = self.plane.layout.symmetries_with(task.label_of(candidate.match))
         if task.prior is not None:
             cosine = (np.einsum("ik,sjk,ij->s", rotation, turn, task.prior.rotation) - 1) / 2
             allowed = cosine > np.cos(min(task.prior_max_angle_rad + PRIOR_SLACK, np.pi)) - 1e-9
@@ -218,7 +228,8 @@ class Search:
         poses, places, match = made_kernel(
             self.plane.model.xyz, rotation, translation, candidate.match, onto, turn, shift
         )  # fmt: skip
-        return poses, places, candidate.focal_px, match
+        keeps = np.array([task.keeps(one) for one in match]) if task.fixed else np.ones(len(match), dtype=bool)
+        return (poses, places, candidate.focal_px, match), keeps
 
     def copies(self, candidate: Candidate, over: Callable[[], bool], misfit_px: float = 0.0
     ) -> tuple[list[Candidate], float]:  # fmt: skip
