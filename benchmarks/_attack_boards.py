@@ -66,6 +66,30 @@ def board(seed: int, *, prior: bool = False, missing: int = 0, labels: int = 0, 
     )  # fmt: skip
 
 
+def window(seed: int, *, labels: int = 1, hidden: float = 0.0, hexagonal: bool = False) -> Trial:
+    """A board of which only a part is in view, all round of which the board goes on, with labels by hand.
+
+    With one label its turns about that spot, as many as the lattice has, explain all spots where the turned part is on
+    the table; so no answer is asked for, and only the right one is right.
+    """
+    rng = np.random.default_rng(seed)
+    columns, rows, part = (*rng.integers(12, 30, 2), int(rng.integers(5, 9)))
+    whole = models.grid(int(columns), int(rows))
+    xyz = whole.xyz.copy()
+    if hexagonal:
+        xyz[:, 0] += 0.5 * (np.round(xyz[:, 1]) % 2)
+        xyz[:, 1] *= np.sqrt(0.75)
+    markers = models.table(xyz, whole.normal)
+    low = rng.integers(0, [columns - part, rows - part])
+    index = np.round(whole.xyz[:, :2]).astype(int)
+    seen = (index >= low).all(axis=1) & (index < low + part).all(axis=1)
+    camera, pose = view(rng, models.table(xyz[seen], whole.normal[seen]), tilt_max_deg=30, least=int(seen.sum()) - 4)
+    keep = np.ones(len(whole), dtype=bool)
+    keep[rng.random(len(whole)) < hidden] = False
+    shot = picture(rng, markers, camera, pose, keep=keep, noise_px=0.05)
+    return trial_of(shot, markers, camera=camera, must=labels > 1, options=_labelled(rng, shot.label, labels))
+
+
 def _turned(rng: np.random.Generator, xyz: Array, camera: Camera, pose: Pose) -> Pose:
     """The camera turned about its eye, to any side, until it has lost a part of the markers."""
     around, least = rng.uniform(0, 2 * np.pi), rng.uniform(0.8, 1.0)

@@ -83,6 +83,13 @@ BOARD: dict[str, Callable[[int], Trial]] = {
     "larger, prior, labels": partial(boards.board, prior=True, labels=3),
     "210 of 220": partial(boards.board, missing=10),
     "210 of 220, prior": partial(boards.board, missing=10, prior=True),
+    **{
+        f"window, {words}": partial(boards.window, **options)
+        for words, options in (
+            ("a label", {}), ("a label, a fifth hidden", {"hidden": 0.2}), ("a label, hexagonal", {"hexagonal": True}),
+            ("two labels", {"labels": 2}), ("three labels, hexagonal", {"labels": 3, "hexagonal": True}),
+        )
+    },
 }
 REAL = {
     f"real {kind}{word}": partial(boards.real_board, kind=kind, **options)

@@ -56,6 +56,24 @@ def test_quarter_turns_of_a_square_grid():
     assert brought(onto)[:4] == [25, 25, 25, 20]
 
 
+def test_turns_about_a_marker_far_from_the_middle_of_a_large_board():
+    """Three quarter turns; `symmetries` has 200 shifts and turns that bring more markers onto others."""
+    layout = Layout(grid(15, 15))
+    marker = 4 * 15 + 9
+    motions = layout.symmetries_with((marker, marker))
+    assert_motions(layout, motions)
+    number = len(layout.symmetries[0])
+    turns = [row for row in motions[0][number:].tolist() if row[marker] == marker]
+    right, above = marker + 1, marker - 15
+    assert {(row[right], row[above]) for row in turns} == {
+        (above, marker - 1), (marker - 1, marker + 15), (marker + 15, right)
+    }  # fmt: skip
+    assert layout.symmetries_with(None)[0] is layout.symmetries[0]
+    onto = layout.symmetries_with((marker, marker + 30))[0][number:]
+    assert all(row[marker] == marker + 30 for row in onto.tolist())
+    assert any(row[right] == right + 30 for row in onto.tolist())
+
+
 def test_a_flat_grid_without_normals_can_be_turned_over():
     with_normals, _, _ = Layout(grid(6, 4)).symmetries
     without, _, _ = Layout(grid(6, 4, normals=False)).symmetries

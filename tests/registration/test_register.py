@@ -34,6 +34,17 @@ def test_cold_start_labels_everything_and_nothing_wrong(kind, hidden, false, see
     assert_right(register(scene.detections, scene.markers, scene.camera), scene)
 
 
+@pytest.mark.parametrize("seed", [9_910_000, 9_910_003, 9_910_006])
+def test_one_vague_spot_neither_refuses_a_picture_nor_gives_it_a_wrong_pose(seed):
+    """Spots that say too little of their noise, but for one that says 1 px: its variance hid what the others lacked,
+    and the pose was 38 px off, or none.
+    """
+    scene = scenes.scene(seed, "A")
+    cov = 1e-3 * scene.detections.cov
+    cov[0] = np.eye(2)
+    assert_right(register(replace(scene.detections, cov=cov), scene.markers, scene.camera), scene)
+
+
 def test_one_wrong_of_few_pairs_does_not_open_the_gates_for_itself():
     # A false spot 2 px from where a hidden marker would be: with it the residuals of all are about 1 px.
     scene = scenes.scene(6_600_406, "A0", hidden=0.5, false=1.0)
@@ -262,6 +273,31 @@ def test_one_moved_marker_breaks_the_symmetry():
     result = register(scene.detections, markers, camera)
     assert_right(result, scene)
     assert 10 < result.score - result.runner_up.score < 60
+
+
+def part_of_a_board(seed, labelled):
+    """A part of 7 x 7 of a board of 15 x 15, with some of the spots in its middle labelled."""
+    rng, number = np.random.default_rng(seed), np.arange(15.0)
+    xyz = np.stack(np.meshgrid(number, number, [0.0]), axis=-1).reshape(-1, 3)
+    board = MarkerSet.make([f"g{i}" for i in range(225)], xyz, normal=np.tile([0.0, 0.0, 1.0], (225, 1)))
+    camera, centre = wm.Camera((1024, 1024), 1500.0), np.array([6.0, 8.0, 0.0])
+    turn = wm.Pose.exp([0, 0, 0, *rng.normal(0, 0.1, 2), 0]).rotation @ np.diag([1.0, -1.0, -1.0])
+    pose = wm.Pose(turn, np.array([0.0, 0.0, 10.5]) - turn @ centre)
+    xy = camera.project(pose.apply(xyz))[0]
+    seen = rng.permutation(np.flatnonzero(((xy > 8) & (xy < 1016)).all(axis=1)))
+    spots = Detections.make(xy[seen] + rng.normal(0, 0.02, (len(seen), 2)), sigma_px=0.02)
+    inner = np.flatnonzero(np.abs(xyz[seen] - centre).max(axis=1) < 1.5)[:labelled]
+    return spots, board, camera, {int(spot): f"g{seen[spot]}" for spot in inner}, pose
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_label_on_a_regular_board_does_not_tell_its_quarter_turns_apart(seed):
+    spots, board, camera, labels, _ = part_of_a_board(seed, 1)
+    assert_refused(register(spots, board, camera, fixed=labels), "ambiguous")
+    spots, board, camera, labels, pose = part_of_a_board(seed, 2)
+    result = register(spots, board, camera, fixed=labels)
+    assert result, result.reason
+    assert result.cam_from_model.angle_to(pose) < 1e-3
 
 
 def test_two_poses_of_one_labelling_are_ambiguous():

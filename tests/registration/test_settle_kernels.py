@@ -197,6 +197,20 @@ def test_luck_is_no_excess_and_doubt_is_kept_without_pairs():
     assert fit.excess_of(views.sights, state, table, 0, 0.7, 0.0) == (0.7, 0.0)
 
 
+def test_one_vague_spot_does_not_hide_the_excess_of_the_others():
+    """Of 40 pairs with an excess of three times their sigma one has a sigma of 3 px: its variance alone is 30 times it.
+    """
+    views, solution = alike_spots()
+    rng, table = np.random.default_rng(5), np.zeros((1, 60, 3))
+    state = drawn(rng, views, solution.state, 0.3)
+    without = fit.excess_of(views.sights, state, table, 0, 0.04, 0.0)[0]
+    sights = views.sights._replace(cov=views.sights.cov.copy())
+    sights.cov[state.match[0].max()] = [9.0, 0.0, 9.0]
+    excess, noise = fit.excess_of(sights, state, table, 0, 0.04, 0.0)
+    assert excess == pytest.approx(without, rel=0.1)
+    assert 0.04 <= noise < 0.05
+
+
 # --- the loop ------------------------------------------------------------------------------------
 
 

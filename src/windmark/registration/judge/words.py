@@ -80,7 +80,8 @@ def ambiguity(best: Solution, other: Solution, answer: RunnerUp, *, only_by: str
     lead = best.score - answer.score
     # Both are within a prior that was given: it has not told them apart.
     prior = best.views.planes[0].task.prior is not None
-    decides = "the label of a spot" if prior else "a prior pose or the label of a spot"
+    label = f"the label of {'another' if any(plane.task.fixed for plane in best.views.planes) else 'a'} spot"
+    decides = label if prior else f"a prior pose or {label}"
     if answer.same_labels:
         closer = "a closer prior pose" if prior else "a prior pose"
         return (

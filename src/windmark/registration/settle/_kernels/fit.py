@@ -33,6 +33,8 @@ AT_REST = 1e-10
 TRIM, TRIM_COST = 0.8, 1.2
 """The smallest squared residuals, which are exponential variables, that tell the misfit's variance; its sigma is so
 much larger for that."""
+EXCESS_STEPS = 3
+"""Times that the pairs are weighed anew for the excess; more change it by less than its sigma's hundredth."""
 LARGEST_TURN = 1.0
 """A step that turns the model by more (radians) runs away."""
 
@@ -206,38 +208,50 @@ def taken_of(sights: Sights, state: State, table: Array, c: int) -> float:
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def excess_of(sights: Sights, state: State, table: Array, c: int, doubt2: float, luck: float) -> tuple[float, float]:
-    """Variance per coordinate beyond the given covariances of a camera's pairs, and the mean of those of its spots.
+    """Variance per coordinate beyond the given covariances of a camera's pairs, and the (weighted) mean of its spots'.
 
-    From the smaller four fifths of the squared residuals, so that one false spot in a gate does not open the gate for
+    From the smaller four fifths of the squared residuals, each by its own variance, so that one false spot in a gate does not open the gate for
     itself; a weak prior, the given covariances and ``doubt2`` beyond them, steadies few pairs. So many sigma of the
     estimate as ``luck`` says are no excess: without it the mean of ``max(0, ...)`` would be one of its own. Without
     pairs it is only doubted.
     """
     n, first, taken = table.shape[1], sights.first[c], state.numbers[c, TAKEN]
     match, residual, own, cov = state.match[c], state.residual[c], table[c], sights.cov
-    squares, count, known, noise = np.empty(n), 0, 0.0, 0.0
+    squares, given, noises, ratios, count = np.empty(n), np.empty(n), np.empty(n), np.empty(n), 0
     for m in range(n):
         if match[m] >= 0:
             s = first + match[m]
-            squares[count] = residual[m, 0] ** 2 + residual[m, 1] ** 2
-            noise += 0.5 * (cov[s, 0] + cov[s, 2])
-            known += 0.5 * (own[m, 0] + own[m, 2])
+            squares[count] = 0.5 * (residual[m, 0] ** 2 + residual[m, 1] ** 2)
+            noises[count] = 0.5 * (cov[s, 0] + cov[s, 2])
+            given[count] = noises[count] + 0.5 * (own[m, 0] + own[m, 2])
             count += 1
     if count == 0:
         return doubt2, 0.0
-    noise /= count
-    known = known / count + noise
+    squares, given = squares[:count], given[:count]
     kept = math.ceil(TRIM * count)
-    squares = np.sort(squares[:count])
     # The j-th smallest of n unit exponentials has the mean 1 / n + 1 / (n - 1) + ... + 1 / (n - j + 1).
     expected = 0.0
     for j in range(kept):
         expected += (kept - j) / (count - j)
     redundancy = max(2 * count - taken, 0.0)
-    variance = 0.5 * squares[:kept].sum() / expected * 2 * count / max(redundancy, 1.0)
-    pooled = (PRIOR_WORTH * (known + doubt2) + redundancy * variance) / (PRIOR_WORTH + redundancy)
+    unit = expected * max(redundancy, 1.0) / (2 * count)
+    # By the residuals in their own sigmas: in a plain mean of the given variances that of one vague spot hides the
+    # excess of all others. Where all variances are equal the first step is the last.
+    excess, known, noise = np.sort(squares)[:kept].sum() / expected, 0.0, 0.0
+    for _ in range(EXCESS_STEPS):
+        total, known, noise, least = 0.0, 0.0, 0.0, max(excess, 0.0) + 1e-300
+        for k in range(count):
+            weight = 1.0 / (given[k] + least)
+            ratios[k] = weight * squares[k]
+            total += weight
+            known += weight * given[k]
+            noise += weight * noises[k]
+        known /= total
+        noise /= total
+        excess = np.sort(ratios[:count])[:kept].sum() / unit * (known + least) - known
+    pooled = (PRIOR_WORTH * doubt2 + redundancy * excess) / (PRIOR_WORTH + redundancy)
     chance = luck * TRIM_COST * math.sqrt(2.0 * redundancy) / (PRIOR_WORTH + redundancy)
-    return max(0.0, pooled - known * (1.0 + chance)), noise
+    return max(0.0, pooled - known * chance), noise
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
