@@ -137,8 +137,7 @@ class Task:
         return all(match[marker] == spot for spot, marker in self.fixed)
 
     def label_of(self, match: NDArray[np.int32]) -> tuple[int, int] | None:
-        """Of (N,) spots of the markers that has the first fixed spot, and which marker that is to be; None if none has.
-        """  # fmt: skip
+        """Which marker of (N,) spots has the first fixed spot, and which one is to have it; None if none has."""
         for spot, marker in self.fixed:
             if len(has := np.flatnonzero(match == spot)):
                 return int(has[0]), marker

@@ -122,10 +122,12 @@ class Layout:
         if label is None:
             return self.symmetries
         if label not in self._at:
-            onto = symmetries_at(self.model, *label, LEAST_AT, SYMMETRIES_AT)
-            at = onto, *motions_of(self.model.xyz, onto, 1.0)
-            onto, turn, shift = (np.concatenate(two) for two in zip(self.symmetries, at, strict=True))
-            self._at[label] = onto, turn, shift
+            more = symmetries_at(self.model, *label, LEAST_AT, SYMMETRIES_AT)
+            turned, shifted = motions_of(self.model.xyz, more, 1.0)
+            onto, turn, shift = self.symmetries
+            self._at[label] = (
+                np.concatenate([onto, more]), np.concatenate([turn, turned]), np.concatenate([shift, shifted])
+            )  # fmt: skip
         return self._at[label]
 
     @cached_property

@@ -172,9 +172,9 @@ class Search:
         picture = self.plane.picture(next(n for n in self.plane.leads if n > spots.max()))
         made, keeps = self._made_of(candidate)
         # Those that have the labels have places of their own: a regular layout has many shifts that lack them.
-        for pool, of_these in ((self._free, ~keeps), (self._bound, keeps)) if self.task.fixed else ((self._free, keeps),):
-            if self._grown(picture, made, of_these, pool):
-                return True
+        places = ((self._bound, keeps), (self._free, ~keeps)) if self.task.fixed else ((self._free, keeps),)
+        if any(self._grown(picture, made, these, pool) for pool, these in places):
+            return True
         others = _without(len(picture.p), spots)
         table, check = self.plane.layout.table(REACHES[1]), self._trials.check(CHECKS[-1])
         # The candidate itself may have grown from a bad start: it is grown again from its quads.

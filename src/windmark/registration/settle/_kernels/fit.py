@@ -33,8 +33,9 @@ AT_REST = 1e-10
 TRIM, TRIM_COST = 0.8, 1.2
 """The smallest squared residuals, which are exponential variables, that tell the misfit's variance; its sigma is so
 much larger for that."""
-EXCESS_STEPS = 3
-"""Times that the pairs are weighed anew for the excess; more change it by less than its sigma's hundredth."""
+EXCESS_STEPS, FAR_BEYOND = 4, 1e8
+"""Times that the pairs are weighed for the excess, more change it by less than its sigma's hundredth; and an excess
+(px^2) beside which all given variances are as good as equal."""
 LARGEST_TURN = 1.0
 """A step that turns the model by more (radians) runs away."""
 
@@ -210,10 +211,10 @@ def taken_of(sights: Sights, state: State, table: Array, c: int) -> float:
 def excess_of(sights: Sights, state: State, table: Array, c: int, doubt2: float, luck: float) -> tuple[float, float]:
     """Variance per coordinate beyond the given covariances of a camera's pairs, and the (weighted) mean of its spots'.
 
-    From the smaller four fifths of the squared residuals, each by its own variance, so that one false spot in a gate does not open the gate for
-    itself; a weak prior, the given covariances and ``doubt2`` beyond them, steadies few pairs. So many sigma of the
-    estimate as ``luck`` says are no excess: without it the mean of ``max(0, ...)`` would be one of its own. Without
-    pairs it is only doubted.
+    From the smaller four fifths of the squared residuals, each by its own variance, so that one false spot in a gate
+    does not open the gate for itself; a weak prior, the given covariances and ``doubt2`` beyond them, steadies few
+    pairs. So many sigma of the estimate as ``luck`` says are no excess: without it the mean of ``max(0, ...)`` would be
+    one of its own. Without pairs it is only doubted.
     """
     n, first, taken = table.shape[1], sights.first[c], state.numbers[c, TAKEN]
     match, residual, own, cov = state.match[c], state.residual[c], table[c], sights.cov
@@ -236,8 +237,8 @@ def excess_of(sights: Sights, state: State, table: Array, c: int, doubt2: float,
     redundancy = max(2 * count - taken, 0.0)
     unit = expected * max(redundancy, 1.0) / (2 * count)
     # By the residuals in their own sigmas: in a plain mean of the given variances that of one vague spot hides the
-    # excess of all others. Where all variances are equal the first step is the last.
-    excess, known, noise = np.sort(squares)[:kept].sum() / expected, 0.0, 0.0
+    # excess of all others. At first all pairs count alike; where their variances are equal that is the last step.
+    excess, known, noise = FAR_BEYOND, 0.0, 0.0
     for _ in range(EXCESS_STEPS):
         total, known, noise, least = 0.0, 0.0, 0.0, max(excess, 0.0) + 1e-300
         for k in range(count):
