@@ -290,6 +290,26 @@ def part_of_a_board(seed, labelled):
     return spots, board, camera, {int(spot): f"g{seen[spot]}" for spot in inner}, pose
 
 
+@pytest.mark.parametrize(("tilt", "seed"), [(40, 1), (40, 2), (55, 0), (65, 3)])
+def test_a_large_board_from_near_by_of_which_much_lies_behind_the_camera(tilt, seed):
+    """The places of markers beside the camera are open by thousands of pixels, and the middle of all may be behind it."""
+    rng, number, tilt = np.random.default_rng(seed), np.arange(25.0), np.radians(tilt)
+    xyz = np.stack(np.meshgrid(number, number, [0.0]), axis=-1).reshape(-1, 3)
+    board = MarkerSet.make([f"g{i}" for i in range(625)], xyz, normal=np.tile([0.0, 0.0, 1.0], (625, 1)))
+    camera, centre = wm.Camera((1024, 1024), 1500.0), np.array([10.0, 12.0, 0.0])
+    tilted = wm.Pose.from_rotvec([tilt, 0, 0], np.zeros(3)) @ wm.Pose.from_rotvec([0, 0, seed], np.zeros(3))
+    turn = np.diag([1.0, -1.0, -1.0]) @ tilted.rotation
+    pose = wm.Pose(turn, np.array([0.0, 0.0, 6.0]) - turn @ centre)
+    there = pose.apply(xyz)
+    xy = camera.project(there)[0]
+    assert (there[:, 2] < 0).sum() > 50
+    seen = rng.permutation(np.flatnonzero((there[:, 2] > 0) & ((xy > 8) & (xy < 1016)).all(axis=1)))
+    spots = Detections.make(xy[seen] + rng.normal(0, 0.02, (len(seen), 2)), sigma_px=0.02)
+    result = register(spots, board, camera, fixed={0: f"g{seen[0]}", 1: f"g{seen[1]}"})
+    assert result, result.reason
+    assert result.cam_from_model.angle_to(pose) < 1e-3
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_one_label_on_a_regular_board_does_not_tell_its_quarter_turns_apart(seed):
     spots, board, camera, labels, _ = part_of_a_board(seed, 1)

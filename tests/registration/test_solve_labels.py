@@ -13,8 +13,10 @@ from windmark.registration.solve import _leaves_most
 )
 def test_a_labelled_solution_of_few_is_doubted(count, fixed, binding, poor):
     """A regular sheet turned about its labelled marker has that one and a third of the others."""
-    task = SimpleNamespace(xyz=None, xy=range(100), fixed=fixed, binding=binding)
+    task = SimpleNamespace(markers=range(400), xy=range(100), fixed=fixed, binding=binding)
     best = SimpleNamespace(count=count, expected=100, views=SimpleNamespace(planes=[SimpleNamespace(task=task)]))
     assert _leaves_most(best) == poor
     few = SimpleNamespace(count=count, expected=60, views=best.views)  # of those in view it has most
     assert not _leaves_most(few)
+    close = SimpleNamespace(count=30, expected=30, views=best.views)  # all in view, and less than a third of the spots
+    assert _leaves_most(close) == (bool(fixed) and not binding)

@@ -128,11 +128,13 @@ def _leaves_most(best: Solution) -> bool:
     """Whether a solution that has labels leaves most spots and most markers alone.
 
     Rivals must have the labels, too, and a regular layout turned about a labelled marker has them and few others: that
-    it has no rival says little.
+    it has no rival says little. Nor does it that it explains all markers in view, where most spots are left: from near
+    by, where each marker lies on every second spot of every second row, few are in view.
     """
-    spots = sum(len(plane.task.xy) for plane in best.views.planes)
-    told = any(plane.task.fixed and not plane.task.binding for plane in best.views.planes)
-    return told and 2 * best.count < min(best.expected, spots)
+    planes = best.views.planes
+    markers, spots = len(planes[0].task.markers), sum(len(plane.task.xy) for plane in planes)
+    most = 2 * best.count < min(best.expected, spots) or 3 * best.count < min(markers, spots)
+    return most and any(plane.task.fixed and not plane.task.binding for plane in planes)
 
 
 def _uncounted(task: Task, budget: Budget) -> Task:

@@ -136,6 +136,14 @@ class Task:
         """Whether (N,) spots of the markers contain all fixed pairs."""
         return all(match[marker] == spot for spot, marker in self.fixed)
 
+    def may_keep(self, match: NDArray[np.int32]) -> bool:
+        """Whether they contain one fixed pair or more, and others may be added: neither is their spot another marker's,
+        nor the other way round.
+        """  # fmt: skip
+        kept = [match[marker] == spot for spot, marker in self.fixed]
+        others = ((match[marker] == -1 and spot not in match) for spot, marker in self.fixed)
+        return any(kept) and all(own or other for own, other in zip(kept, others, strict=True))
+
     def label_of(self, match: NDArray[np.int32]) -> tuple[int, int] | None:
         """Which marker of (N,) spots has the first fixed spot, and which one is to have it; None if none has."""
         for spot, marker in self.fixed:

@@ -17,7 +17,7 @@ from windmark.errors import g2
 from windmark.registration import rules
 from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.fit import spread_places
-from windmark.registration.settle._kernels.places import open_kernel
+from windmark.registration.settle._kernels.places import open_kernel, places_kernel
 from windmark.registration.settle._kernels.settle import fit_kernel
 from windmark.registration.settle._kernels.state import State
 from windmark.registration.settle.settling import copied, settle_state, with_freedom
@@ -26,6 +26,9 @@ from windmark.registration.settle.views import Views
 from windmark.registration.task import ON_LINE_PX, off_line
 
 Array = NDArray[np.float64]
+
+IN_VIEW = 5.0
+"""A marker that is so many sigma of its place outside the picture is not in it."""
 
 
 def less_one(best: Solution, views: Views, c: int, marker: int) -> Solution | None:
@@ -101,9 +104,12 @@ def held_by_one(best: Solution) -> str:
     placed = _with_prior(best)
     found = best.openness if placed is best.state else opened_in(placed)
     for c, plane in enumerate(best.views.planes):
-        rest, wide = found[c][:2]
+        wide = found[c][1]
         # A bent model leaves the markers that it has no spot of open by its nature.
         if best.counts[c] and not best.is_bent and not wide < plane.task.tolerance_px:
+            rest, wide = _open_in_view(best, placed, c)
+            if wide < plane.task.tolerance_px:
+                continue
             turn = float(np.sqrt(np.linalg.eigvalsh(best.unit_cov[:3, :3])[-1]))
             return (
                 f"the matched markers leave the place of others open: of {plane.task.markers.name[rest]} by "
@@ -124,6 +130,26 @@ def held_by_one(best: Solution) -> str:
         if not best.is_bent and (ahead := _ahead(best, placed, c, marker)) < rules.FOREIGN:
             return f"{held}; with a foreign spot there the others are explained about as well (lead {ahead:.1f} nats)"
     return ""
+
+
+def _open_in_view(best: Solution, placed: State, c: int) -> tuple[int, float]:
+    """The marker without a spot that is most open (px, 1 sigma) of those that may be in the picture; 0 px without any.
+
+    Of a large board seen from near by and aslant others lie far outside, almost beside the camera, where a millimetre
+    is thousands of pixels.
+    """
+    sights, state = best.views.sights, best.state
+    rest = np.flatnonzero(state.faces[c] & (state.match[c] < 0))
+    known = np.isfinite(placed.place[c, rest]).all(axis=1)
+    wide = np.full(len(rest), np.inf)
+    wide[known] = np.sqrt(np.linalg.eigvalsh(_square(placed.place[c, rest[known]]))[:, 1])
+    xy, size = places_kernel(sights, state, c)[rest], sights.size[c]
+    outside = np.linalg.norm(np.maximum(np.maximum(-xy, xy - size), 0.0), axis=1)
+    away = outside > IN_VIEW * wide  # not where either is unknown
+    if away.all():
+        return -1, 0.0
+    worst = int(np.argmax(np.where(away, -1.0, wide)))
+    return int(rest[worst]), float(wide[worst])
 
 
 def unheld_pair(best: Solution) -> tuple[int, int, float] | None:

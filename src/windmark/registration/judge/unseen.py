@@ -48,7 +48,7 @@ def unchecked_shift(best: Solution, shifted: Solution | None) -> list[Unchecked]
     """What is to be said of a labelling that is shifted, if there is one."""
     if shifted is None:
         return []
-    c = best.seeing[0]
+    c = max(best.seeing, key=lambda n: len(np.intersect1d(best.pairs(n)[0], shifted.pairs(n)[0])))
     (spot, marker), (there, other) = best.pairs(c), shifted.pairs(c)
     _, one, two = np.intersect1d(spot, there, return_indices=True)
     names = best.views.planes[c].task.markers.name

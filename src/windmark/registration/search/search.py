@@ -194,8 +194,8 @@ class Search:
         return True
 
     def _move_to_labels(self) -> None:
-        """What contradicts the labels may be brought to them by a near-symmetry of the model."""
-        best = next(iter(self._free.top(1)), None)
+        """What contradicts the labels, or some of them, may be brought to them by a near-symmetry of the model."""
+        best = next(iter(self.contradictions(1)), None)
         if best is None or best is self._moved or best.score < self._stop_at:
             return
         self._moved, (made, keeps) = best, self._made_of(best)
@@ -214,7 +214,7 @@ class Search:
     def _made_of(self, candidate: Candidate) -> tuple[Made, NDArray[np.bool_]]:
         """Poses and labels that start from a candidate: its own, what the near-symmetries make of it, and the other
         pose that sees nearly flat markers almost the same, mirrored in their plane and across the line of sight; and
-        which of them have the labels.
+        which of them have the labels, as far as they go.
 
         With a prior only those that lead to a pose it allows: a regular grid has many, and the others would take all
         the places that are kept for rivals.
@@ -228,7 +228,7 @@ class Search:
         poses, places, match = made_kernel(
             self.plane.model.xyz, rotation, translation, candidate.match, onto, turn, shift
         )  # fmt: skip
-        keeps = np.array([task.keeps(one) for one in match]) if task.fixed else np.ones(len(match), dtype=bool)
+        keeps = np.array([task.may_keep(one) for one in match]) if task.fixed else np.ones(len(match), dtype=bool)
         return (poses, places, candidate.focal_px, match), keeps
 
     def copies(self, candidate: Candidate, over: Callable[[], bool], misfit_px: float = 0.0

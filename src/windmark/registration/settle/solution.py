@@ -186,11 +186,13 @@ class Solution:
 
         Laplace's approximation: rotations, places in the first image that has pairs and distances within
         a factor of ten either way are alike before the picture; nuisances and coefficients have their normal priors.
+        Place and distance are those of the markers that are seen: the middle of a large board may be behind the camera.
         """
         state, c = self.state, int(self.counts.argmax())
         task = self.views.planes[c].task
         volume = 3 * math.log(2 * math.pi) - sum(map(math.log, state.factor.diagonal().tolist()))
-        depth = max(float(state.translations[c, 2]), 1e-9)
+        middle = self.views.layout.model.xyz[self.pairs(c)[1]].mean(axis=0)
+        depth = max(float(state.rotations[c, 2] @ middle + state.translations[c, 2]), 1e-9)
         volume += 2 * math.log(state.camera[c, 0] / depth) - math.log(depth)
         prior = math.log(8 * math.pi**2 * math.prod(task.camera.size_px) * SCALES * task.prior_share)
         return volume - prior - self._strain
