@@ -292,7 +292,7 @@ def part_of_a_board(seed, labelled):
 
 @pytest.mark.parametrize(("tilt", "seed"), [(40, 1), (40, 2), (55, 0), (65, 3)])
 def test_a_large_board_from_near_by_of_which_much_lies_behind_the_camera(tilt, seed):
-    """The places of markers beside the camera are open by thousands of pixels, and the middle of all may be behind it."""
+    """Places of markers beside the camera are open by thousands of pixels, and the middle of all may be behind it."""
     rng, number, tilt = np.random.default_rng(seed), np.arange(25.0), np.radians(tilt)
     xyz = np.stack(np.meshgrid(number, number, [0.0]), axis=-1).reshape(-1, 3)
     board = MarkerSet.make([f"g{i}" for i in range(625)], xyz, normal=np.tile([0.0, 0.0, 1.0], (625, 1)))
