@@ -193,10 +193,11 @@ def test_freedom_is_the_volume_of_the_posterior_in_that_of_the_prior():
 
 
 def test_freedom_is_that_of_place_and_distance():
-    """The posterior's volume by rotation, place of the centre in the image (px) and the logarithm of its distance."""
+    """The posterior's volume by rotation, place (px) and logarithm of the distance of the middle of what is seen."""
     scene = scenes.scene(37, "B", noise_px=0.2)
     solution = settled(scene)
-    camera, at = scene.camera, solution.state.translation
+    camera, state = scene.camera, solution.state
+    at = state.rotation @ solution.views.layout.model.xyz[solution.pairs()[1]].mean(axis=0) + state.translation
 
     def seen(t):
         return np.append(camera.project(t)[0], np.log(t[2]))
