@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark.errors import g2
 from windmark.pipeline.deform.followed import Followed
@@ -22,11 +23,12 @@ def deform_verdict(
     zero: Sequence[str] = (),
     parameters: Sequence[str] = (),
     grid: Sequence[Finding] = (),
+    apart: NDArray[np.float64] | None = None,
 ) -> Verdict:
     """Judge a deformation test; ``weak`` is what its set-up hardly determines, in words; ``unit`` that of lengths.
 
     ``zero``: keys of the wind-off frames; ``parameters``: names of those of the laws;
-    ``grid`` of `grid_findings`.
+    ``grid`` of `grid_findings`; ``apart`` of `Zero`.
     """
     good = [r for r in records if r.status in ("cold", "tracked", MISFIT)]
     if not good:
@@ -36,7 +38,7 @@ def deform_verdict(
         return bad_series(cause, f"no frame gave a deformation; the first: {reason}", step)
     found = [*grid, *lost_findings([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")]
     found += followed_findings([_followed(r) for r in good], unit)
-    found += [*_standing_out(good), *_zero(good, zero, parameters)]
+    found += [*_standing_out(good), *_zero(good, zero, parameters, apart)]
     if weak:
         found.append(
             Finding(
@@ -80,15 +82,21 @@ def _standing_out(good: Sequence[FrameRecord]) -> list[Finding]:
     return [Finding(DOUBTFUL, "picture", reason, "see that its pictures are whole, of this frame and of one moment")]
 
 
-def _zero(good: Sequence[FrameRecord], zero: Sequence[str], parameters: Sequence[str]) -> list[Finding]:
-    """Wind-off frames that differ by a part of what the wind does: one of them is not wind-off."""
+def _zero(
+    good: Sequence[FrameRecord], zero: Sequence[str], parameters: Sequence[str], sigmas: NDArray[np.float64] | None
+) -> list[Finding]:  # fmt: skip
+    """Wind-off frames that differ by a part of what the wind does: one of them is not wind-off.
+
+    ``sigmas`` by which they differ; None by the records', which contain such a difference where there is a `Zero`.
+    """
     off = [r for r in good if r.key in zero]
     if len(off) < 2 or not len(off[0].q):
         return []
     q, sigma = np.array([r.q for r in off]), np.max([r.q_sigma for r in off], axis=0)
     every = np.ptp([r.q for r in good], axis=0)
     apart = np.ptp(q, axis=0)
-    bad = (apart > rules.WIND_OFF_SIGMAS * sigma) & (apart > rules.WIND_OFF * every)
+    times = apart / np.maximum(sigma, 1e-300) if sigmas is None else sigmas[: len(apart)]
+    bad = (times > rules.WIND_OFF_SIGMAS) & (apart > rules.WIND_OFF * every)
     if not bad.any():
         return []
     k = int(np.argmax(np.where(bad, apart / np.maximum(every, 1e-300), 0.0)))
