@@ -33,6 +33,7 @@ from windmark.tasks.deform.task import (
 )
 from windmark.tasks.deform.texture import Texture, texture_of, without_texture
 from windmark.tasks.deform.walls import without_walls
+from windmark.tasks.deform.why import set_otherwise
 
 Array = NDArray[np.float64]
 
@@ -317,7 +318,8 @@ class _Follower:
         seen = {n: s for n, s in labelled.items() if len(s.marker)}
         if not seen:
             return reasons(labelled)
-        return self._settled(self._believed(images), seen, None)
+        settled = self._settled(self._believed(images), seen, None)
+        return set_otherwise(settled, self._test, seen, spots) if isinstance(settled, str) else settled
 
     def _believed(self, images: dict[str, Image]) -> dict[str, Image]:
         """Images of the cameras that do not contradict the others."""
