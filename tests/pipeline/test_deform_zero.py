@@ -1,6 +1,6 @@
 """What is relative to the wind-off frames: the same in every output, with the covariance of the difference."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,12 +9,13 @@ from swept_scenes import CAMERAS, MARKERS, MOTION, PARTS, VIEWS, VOLUMES, WALL, 
 
 from windmark.deformation import Stations, identify, zero_markers
 from windmark.geometry import Pose
-from windmark.pipeline.deform import DeformedFrame, Zero, grid_output
+from windmark.pipeline.deform import DeformationTest, DeformedFrame, FrameImages, Station, Zero, grid_output, run
 from windmark.pipeline.deform.outputs import Writer
 from windmark.pipeline.deform.record import record
 from windmark.pipeline.deform.zero import displaced_since, noise_share
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.scene import Mesh
+from windmark.tasks.deform.task import Sight
 
 REST = Pose.identity()
 LOADED = Q + np.array([6.0, 2.0, -0.3, 0.5])
@@ -138,3 +139,29 @@ def test_the_scatter_of_wind_off_frames_is_in_every_sigma_and_said(bent):
     rows.append(replace(row, index=2, key="2", q=3 * off))
     of = {"zero": ["0", "1"], "parameters": state.volumes.names}
     assert "the wind-off frames 0 and 1 differ in wing.bend_2" in deform_verdict(rows, **of, apart=zero.apart).reason
+
+
+@dataclass(frozen=True)
+class Project:
+    """What `zeroed` needs of a loaded project."""
+
+    test: DeformationTest
+    project: SimpleNamespace
+    stations: None = None
+
+
+def test_a_wind_off_picture_that_is_there_three_times_is_one_measurement(monkeypatch):
+    rng, found = np.random.default_rng(8), {}
+    for key, pictures in (("0", (1, 2)), ("7", (1, 2)), ("8", (3, 4)), ("9", (1, 2))):
+        state, spots = state_at(0 * Q, REST, rng)
+        state = replace(state, cameras={v.name: CAMERAS[v.camera] for v in VIEWS})
+        cameras = {v.name: Sight(picture=p) for v, p in zip(VIEWS, pictures, strict=True)}
+        found[key] = DeformedFrame(0, key, 0.0, "cold", "", state, spots, ("v0", "v1"), 0.0, cameras)
+    monkeypatch.setattr(run, "follow_deformation", lambda frames, test: iter([found[frames[0].key]]))
+    stations = tuple(Station(v.name, CAMERAS[v.camera], v.cam_from_model) for v in VIEWS)
+    project = SimpleNamespace(sequence=SimpleNamespace(zero=("0", "7", "8", "9")), path=None)
+    frames = [FrameImages(key, float(key), {}) for key in found]
+    loaded = Project(DeformationTest(stations, MARKERS, VOLUMES), project)
+    _, zero, _, still = run.zeroed(loaded, SimpleNamespace(frames=frames))
+    assert zero.frames == 2
+    assert [frame.key for frame, _ in still] == ["0", "8"]

@@ -326,12 +326,15 @@ def zeroed(
     if not wanted:
         return loaded, None, None, []
     good, why = [], ""
+    shown: set[tuple[tuple[str, int], ...]] = set()
     for key, images in wanted.items():  # each for itself: wind-off frames may be far apart
         frame = next(follow_deformation([images], loaded.test))
+        pictures = tuple((name, sight.picture) for name, sight in frame.cameras.items() if sight.picture)
         if frame.state is None:
             why = f"frame {key}: {frame.reason}"
-        else:
+        elif not pictures or pictures not in shown:  # the same pictures once more are no second measurement
             good.append((frame, images))
+            shown.add(pictures)
     if not good:
         _check_units(loaded)
         raise io.FileError(project.path, f"no wind-off frame can be used; {why}", "sequence.zero")

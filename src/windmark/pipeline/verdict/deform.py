@@ -14,6 +14,7 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding, Verdict
+from windmark.scene.repeated import ONCE_MORE
 
 
 def deform_verdict(
@@ -38,7 +39,7 @@ def deform_verdict(
         return bad_series(cause, f"no frame gave a deformation; the first: {reason}", step)
     found = [*grid, *lost_findings([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")]
     found += followed_findings([_followed(r) for r in good], unit)
-    found += [*_standing_out(good), *_zero(good, zero, parameters, apart)]
+    found += [*_copies(good), *_standing_out(good), *_zero(good, zero, parameters, apart)]
     if weak:
         found.append(
             Finding(
@@ -60,6 +61,24 @@ def deform_verdict(
 def _followed(record: FrameRecord) -> Followed:
     doubts = tuple(zip(record.causes, record.warnings, strict=True))
     return Followed(f"frame {record.key}", record.cameras, doubts, record.sigma0)
+
+
+def _copies(good: Sequence[FrameRecord]) -> list[Finding]:
+    """Pictures that are those of a frame long before, bit by bit; of the frame before `followed_findings` has them."""
+    first: dict[tuple[str, int], str] = {}
+    copies: dict[str, tuple[str, list[str]]] = {}
+    for row in good:
+        for name, sight in row.cameras.items():
+            of = first.setdefault((name, sight.picture), row.key) if sight.picture else row.key
+            if of != row.key and ONCE_MORE not in sight.reason:
+                copies.setdefault(row.key, (of, []))[1].append(name)
+    if not copies:
+        return []
+    key, (of, names) = next(iter(copies.items()))
+    more = f" (and {len(copies) - 1} more such frames)" if len(copies) > 1 else ""
+    seen_by = " and ".join(names)
+    reason = f"the picture of {seen_by} in frame {key}{more} is that of frame {of} bit by bit: it is of one of them"
+    return [Finding(DOUBTFUL, "file", reason, "find that frame's own pictures, or leave it out")]
 
 
 def _standing_out(good: Sequence[FrameRecord]) -> list[Finding]:

@@ -184,6 +184,8 @@ class _Follower:
                 if memory is not None and name not in self._shots and not out[name].reason:
                     said = once_more(memory.labelled.get(name), spots, copied=name in self._copied)
                     out[name] = replace(out[name], reason=said)
+            if name in images and name not in self._shots:
+                out[name] = replace(out[name], picture=self._prints[name])
         return out
 
     def _read(self, frame: FrameImages) -> tuple[dict[str, Image], dict[str, str]]:
