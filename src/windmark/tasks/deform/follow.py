@@ -15,11 +15,11 @@ from windmark.deformation import Deformation, NotIdentified
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
 from windmark.scene import Detections, MarkerSet, Observations
-from windmark.scene.repeated import ONCE_MORE
+from windmark.scene.repeated import ONCE_MORE, print_of
 from windmark.tasks.deform.between import Shots, open_shots
 from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
-from windmark.tasks.deform.sights import Usual, once_more, print_of, sight
+from windmark.tasks.deform.sights import Usual, once_more, sight
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
 from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
 from windmark.tasks.deform.task import (

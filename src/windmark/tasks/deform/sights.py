@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -120,15 +119,6 @@ def sight(
     odd = {str(test.markers.name[m]): far for m, far in usual.odd.get(name, {}).items()}
     fields = field_shift(image, spots.xy, spots.radius_px).sure_px
     return Sight(spots.expected, count, why, lag_s, spots.known.frame.blur_px, spots.radius_px, fields, odd)
-
-
-def print_of(image: Image) -> int:
-    """The same for the same grey levels; noise makes other pictures differ.
-
-    Two checksums: of a hundred thousand pictures two would have the same single one of 32 bits.
-    """
-    content = image.tobytes()
-    return zlib.crc32(content) | zlib.adler32(content) << 32
 
 
 def once_more(before: Labelled | None, now: Labelled, *, copied: bool) -> str:
