@@ -249,7 +249,7 @@ def test_what_is_not_determined_is_named():
     found = identify(every, MARKERS, PARTS, CAMERAS, VIEWS, free_poses=True)
     assert found.cause == "undetermined"
     assert found.weak == ("motion", "v0", "v1")
-    assert "no marker on a wall is seen" in found.reason
+    assert "no marker on a wall is found" in found.reason
 
     few = observed(seen(), rng, only=lambda t: t.point < 2)
     found = identify(few, MARKERS, PARTS, CAMERAS, VIEWS)

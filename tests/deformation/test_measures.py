@@ -107,11 +107,25 @@ def test_sigmas_of_the_stations_are_those_of_their_errors():
     [
         ({"chord": (0, 0, 0)}, "chord"), ({"up": (1, 0, 0)}, "up"), ({"count": []}, "station"),
         ({"start": (0, 0)}, "start"), ({"start": (60, 500, 0)}, "differ"),
+        ({"up": (0, 1, 0)}, r"up \(0, 1, 0\) is 0 degrees from the span"),
+        ({"end": (400, 500, 0), "up": (0, 1, 0.3)}, "is 17 degrees from the span"),
+        ({"end": (60, 0, 500)}, "is 0 degrees from the span"),  # a fin, with the wing's direction
     ],
 )  # fmt: skip
 def test_bad_stations_are_named(change, expected):
     with pytest.raises(ValueError, match=expected):
         Stations.along(**{"start": (60, 0, 0), "end": (60, 500, 0), "volume": "wing"} | change)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"end": (400, 500, 0)}, {"end": (60, 250, 400)}, {"end": (60, 0, 500), "up": (0, 1, 0)},
+        {"start": (0, 0, 0), "end": (900, 0, 20)},  # chords along a body that droops
+    ],
+)  # fmt: skip
+def test_a_direction_in_which_a_wing_a_fin_or_a_body_bends_is_taken(change):
+    assert len(Stations.along(**{"start": (60, 0, 0), "end": (60, 500, 0), "volume": "wing"} | change)) == 11
 
 
 def test_markers_alone_are_placed_within_their_sigma_and_displaced():

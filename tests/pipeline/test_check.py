@@ -301,6 +301,27 @@ def test_what_lies_beside_a_result_is_none_of_its_files(tmp_path):
     assert found.lost == ["poses.csv"]
 
 
+def test_a_file_that_cannot_be_read_is_named_and_the_others_are_still_compared(tmp_path):
+    old, again = written(tmp_path, "old"), written(tmp_path, "again", value=1.05)
+    for place in (old, again):
+        with h5py.File(place / "all.nc", "w") as stream:
+            stream["x"] = np.arange(500.0)
+        (place / "made.json").write_text(json.dumps({"x": 1}))
+        files = {p.name: file_hash(p) for p in place.iterdir() if p.name != "manifest.json"}
+        (place / "manifest.json").write_text(json.dumps({"outputs": files}))
+    whole = (old / "all.nc").read_bytes()
+    (old / "all.nc").write_bytes(whole[:-100])
+    (old / "made.json").write_text('{"x": ')
+    (old / "summary.json").write_text("")
+    found = Difference()
+    results_again(old, again, found)
+    assert not found.repeated
+    for name in ("all.nc", "made.json", "summary.json"):
+        assert found.numbers[name][0].startswith("cannot be read any more: "), name
+    assert "0.5 sigma" in found.numbers["poses.csv"][0]
+    assert "picture.png" in found.same
+
+
 def test_inputs_that_changed_are_named(tmp_path):
     out = written(tmp_path, "out")
     table = tmp_path / "markers.csv"

@@ -385,6 +385,27 @@ def test_wind_off_frames_that_differ_are_doubted():
     assert "wind-off frames 2 and 3 differ in wing.bend_2 by 56 %" in verdict.reason
 
 
+def test_pictures_of_a_frame_long_before_are_doubted():
+    six, none = np.zeros(6), np.zeros(0)
+
+    def rows(pictures, again=()):
+        """Records of frames by what their pictures of both cameras are; ``again``: told already."""
+        return [
+            DeformFrame(k, str(k), 0.1 * k, 0.1 * k, "tracked", "", 0.1, 80, 0, 0.01, 1.0, none, none, six, six,
+                        cameras={n: Sight(20, 20, f"the picture before ({ONCE_MORE})" if k in again else "", 0.0,
+                                          picture=p) for n, p in zip(("cam1", "cam2"), both, strict=True)})
+            for k, both in enumerate(pictures)
+        ]  # fmt: skip
+
+    assert deform_verdict(rows([(1, 2), (3, 1), (5, 6), (0, 8), (0, 9)])).word == GOOD  # 0: between two pictures
+    verdict = deform_verdict(rows([(1, 2), (3, 4), (5, 6), (1, 2), (3, 7)]))
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "file")
+    assert "cam1 and cam2 in frame 3 (and 1 more such frames) is that of frame 0 bit by bit" in verdict.reason
+    adjacent = deform_verdict(rows([(1, 2), (3, 4), (3, 4)], again=(2,)))
+    assert [f.cause for f in adjacent.findings] == ["file"]
+    assert "bit by bit" not in adjacent.reason
+
+
 def test_residuals_are_doubted_where_most_of_them_is_no_noise():
     doubts = (("noise", "residuals are 1.2 times as large as stated (sigma0)"),)
     point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0)

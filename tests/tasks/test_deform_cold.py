@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import registration_scenes as scenes
 
-from windmark.deformation import Volumes
+from windmark.deformation import Volume, Volumes, law
 from windmark.geometry import Pose
 from windmark.pipeline.deform import DeformationTest, Station
 from windmark.registration import NotRegistered
 from windmark.tasks.deform import cold
 from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.spots import Labelled
+from windmark.tasks.deform.why import set_otherwise
 from windmark.tasks.together import Together
 
 NAMES = ("cam1", "cam2", "cam3")
@@ -137,3 +138,92 @@ def test_where_time_is_too_short_for_all_each_is_searched_alone(pool, monkeypatc
     found = anywhere(spots_of(rig), made_of(rig), NAMES, pool)
     assert not found.left_out
     assert all(len(s.marker) > 10 for s in found.labelled.values())
+
+
+AXIS = np.array([0.4, 0.0, 0.0])
+
+
+def turned_about(xyz, angle):
+    """Points turned about a line along y."""
+    turn = Pose.from_rotvec(np.radians(angle) * np.array([0.0, 1.0, 0.0]), np.zeros(3)).rotation
+    return (xyz - AXIS) @ turn.T + AXIS
+
+
+def flapped(rig, angle, start):
+    """A test whose table has the trailing edge turned back by an angle: a flap that is set, with a law's start."""
+    markers = rig.views[0].markers
+    flap = np.arange(len(markers)) % 4 == 3
+    xyz, normal = markers.xyz.copy(), markers.normal.copy()
+    xyz[flap], normal[flap] = turned_about(xyz[flap], -angle), turned_about(normal[flap] + AXIS, -angle) - AXIS
+    table = replace(markers, xyz=xyz, normal=normal, volume=np.where(flap, "flap", "wing"))
+    laws = Volumes.of([Volume("wing"), Volume("flap", law(angle={"unit": "deg", "start": start})(turned_about))])
+    return replace(made_of(rig), markers=table, volumes=laws), np.flatnonzero(flap)
+
+
+def test_a_part_is_looked_for_where_its_law_starts(pool):
+    """It is set against its table: nothing else moves with its parameter, so without its spots there is no answer."""
+    rig = scenes.rig_scene(520, "A", 2)
+    test, flap = flapped(rig, 25.0, 25.0)
+    placed, true = cold.at_start(test), rig.views[0].markers
+    assert placed.xyz == pytest.approx(true.xyz, abs=1e-9)
+    assert placed.normal == pytest.approx(true.normal / np.linalg.norm(true.normal, axis=1)[:, None], abs=1e-9)
+    of_start = anywhere(spots_of(rig), test, NAMES, pool).labelled
+    of_table = anywhere(spots_of(rig), flapped(rig, 25.0, 0.0)[0], NAMES, pool).labelled
+    for name, view in zip(NAMES, rig.views, strict=False):
+        there = np.intersect1d(view.label, flap)
+        assert len(np.intersect1d(of_start[name].marker, there)) >= len(there) - 1 > 2
+        assert not np.intersect1d(of_table[name].marker, there).size
+        assert wrong(of_start[name], view) == 0
+
+
+def test_markers_at_rest_are_the_tests_own():
+    test, _ = flapped(scenes.rig_scene(520, "A", 2), 0.0, 0.0)
+    assert cold.at_start(test) is test.markers
+
+
+def test_spots_where_no_marker_is_expected_may_be_a_parts_that_is_set_otherwise(pool):
+    rig = scenes.rig_scene(520, "A", 2)
+    spots, (test, _) = spots_of(rig), flapped(rig, 25.0, 0.0)
+    labelled = anywhere(spots, test, NAMES, pool).labelled
+    said = set_otherwise("not determined: flap.angle; no marker that is seen moves with it", test, labelled, spots)
+    assert said.startswith("not determined: flap.angle; no marker that is seen moves with it; but spots are seen where")
+    assert "if they are those of flap, it is set otherwise" in said
+    assert "give flap.angle a start and a sigma" in said
+    for why, seen, every in (
+        ("12 observations cannot tell 13 unknowns", labelled, spots),  # it is not this part that is wanted
+        ("not determined: flap.angle", labelled, {n: s.take(s.xy[:, 0] < 0) for n, s in spots.items()}),  # no spots
+        ("not determined: flap.angle", anywhere(spots, flapped(rig, 0.0, 0.0)[0], NAMES, pool).labelled, spots),
+    ):
+        assert set_otherwise(why, test, seen, every) == why
+
+
+def few_walls(moved_px=0.0):
+    """Two cameras before a model of 60 markers and five on walls, which are no pattern among so many spots."""
+    rig = scenes.rig_scene(530, "C", 2)
+    markers = rig.views[0].markers
+    keep = np.r_[np.arange(60), [66, 73, 88, 91, 104]]
+    table = replace(markers.take(keep), role=np.where(keep >= 60, "wall", "model"))
+    place = np.full(len(markers), -1)
+    place[keep] = np.arange(len(keep))
+    views = []
+    for view in rig.views:
+        there = (view.label >= 0) & (place[view.label] >= 0)
+        own, label = view.detections.take(there), place[view.label[there]]
+        views.append(replace(view, detections=own, label=label, markers=table))
+    rig = replace(rig, views=tuple(views), cam_from_rig=tuple(v.cam_from_model for v in rig.views),
+                  rig_from_model=Pose.identity())  # fmt: skip
+    turned = Pose.from_rotvec([0.0, moved_px / views[1].camera.focal_px, 0.0], np.zeros(3)) @ rig.cam_from_rig[1]
+    return rig, turned, keep >= 60
+
+
+@pytest.mark.parametrize(("moved_px", "cov", "found"), [(0.0, None, True), (5.0, None, True), (60.0, None, False),
+                                                        (5.0, 1e-4 * np.eye(6), False)])  # fmt: skip
+def test_few_walls_are_looked_for_where_the_file_has_a_camera_that_moves(pool, moved_px, cov, found):
+    """Farther off than they can be told from others there are none; and where its pose is known it is held by that."""
+    rig, turned, walls = few_walls(moved_px)
+    test = made_of(rig, cam2={"cam_from_tunnel": turned, "moves": True, "pose_cov": cov})
+    labelled = anywhere(spots_of(rig), test, NAMES, pool).labelled["cam2"]
+    there = np.intersect1d(rig.views[1].label, np.flatnonzero(walls))
+    assert len(labelled.marker) > 10
+    assert wrong(labelled, rig.views[1]) == 0
+    assert (len(np.intersect1d(labelled.marker, there)) >= 3) == found

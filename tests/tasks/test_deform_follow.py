@@ -103,8 +103,11 @@ def test_a_copied_picture_is_said_where_its_spots_were_looked_for_from_elsewhere
     test = DeformationTest((Station("cam", CAMERA, AWAY),), markers(), Volumes.of([]), look=LookOptions((5.0,)))
     images = [image((0, 0)), image((1, 0)), image((1, 0)), image((2, 0))]
     frames = [FrameImages(str(k), float(k), {"cam": i}) for k, i in enumerate(images)]
-    told = [ONCE_MORE in f.reason for f in follow_deformation(frames, test)]
-    assert told == [False, False, True, False]
+    followed = list(follow_deformation([*frames, FrameImages("4", 4.0, {"cam": images[0].copy()})], test))
+    assert [ONCE_MORE in f.reason for f in followed] == [False, False, True, False, False]
+    zeroth, first, second, third, fourth = (f.cameras["cam"].picture for f in followed)
+    assert (fourth, second) == (zeroth, first)  # for the verdict, which knows all frames
+    assert len({zeroth, first, third, 0}) == 4
 
 
 def test_a_camera_between_whose_pictures_is_interpolated_is_no_copy_of_itself():
@@ -122,7 +125,9 @@ def test_a_camera_between_whose_pictures_is_interpolated_is_no_copy_of_itself():
         FrameImages(str(k), t, {"own": still(), "slow": first.image}, {"slow": (first, second)})
         for k, t in enumerate((0.2, 0.21, 0.22), 1)
     ]
-    assert [f.cameras["slow"].reason for f in follow_deformation(frames, test)][1:] == ["", "", ""]
+    followed = list(follow_deformation(frames, test))
+    assert [f.cameras["slow"].reason for f in followed][1:] == ["", "", ""]
+    assert [f.cameras["slow"].picture for f in followed][1:] == [0, 0, 0]
 
 
 def test_a_disc_that_the_border_cuts_takes_no_part_until_it_is_whole_again():

@@ -72,6 +72,7 @@ def test_the_first_is_searched_for_the_next_are_near_their_prediction_and_an_emp
         assert len(f.registered.matching) >= 16
     assert kept["index"] == 5
     assert kept["instant"] == 4.0
+    assert len({f.picture for f in found if f.registered is not None} - {0}) == 4
 
 
 def test_what_was_handed_on_goes_on_where_it_stopped(table, frames):

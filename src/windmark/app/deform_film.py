@@ -64,12 +64,17 @@ def film_frames(loaded: Loaded, sequence: Sequence) -> list[Pixels]:
         return surface_view(shape, size, direction=direction, up=up, focus=focus, size_px=FILM_SIZE)
 
     ghost = ghost_of(seen(mesh, np.zeros(len(mesh.vertices))).shade)
-    bar = colour_bar(largest, f"deformation, {loaded.project.length_unit}", FILM_SIZE[1])
+    bar = colour_bar(largest, f"{since(sequence)}, {loaded.project.length_unit}", FILM_SIZE[1])
     images = []
     for (row, state), size in zip(kept, sizes, strict=True):
         shown = seen(magnified(mesh, state, sequence.zero, factor), size)
         images.append(_drawn(shown, ghost, bar, largest, caption(row, factor)))
     return images
+
+
+def since(sequence: Sequence) -> str:
+    """What a deformation is counted from, in words."""
+    return "from the table" if sequence.zero is None else "since wind-off"
 
 
 def caption(row: FrameRecord, factor: float) -> str:

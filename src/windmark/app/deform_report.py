@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import windmark
 from windmark.app.deform_curves import history_picture, parameter_picture, span_picture, spectrum_picture
-from windmark.app.deform_film import deformation_size, film, magnification, magnified, used_nodes, view_of
+from windmark.app.deform_film import deformation_size, film, magnification, magnified, since, used_nodes, view_of
 from windmark.app.deform_pictures import compared_picture
 from windmark.app.deform_scene import deform_scene
 from windmark.app.marked_photo import pictured_photo
@@ -23,7 +23,8 @@ from windmark.app.wording import named
 from windmark.errors import g2, g3
 from windmark.pipeline.deform import Loaded, Sequence
 from windmark.pipeline.deform.pictures import read
-from windmark.pipeline.deform.record import DOUBTFUL, MOTION
+from windmark.pipeline.deform.record import DOUBTFUL
+from windmark.pipeline.deform.zero import MOTION
 from windmark.pipeline.surface import surface_view
 
 Array = NDArray[np.float64]
@@ -200,9 +201,10 @@ def _files(report: Report, folder: Path) -> None:
         "deformation.csv": "one row per frame: parameters, rigid motion, their sigma, quality",
         "cameras.csv": "one row per frame and camera: markers expected and seen, lag of its picture, why few were seen",
         "span.csv": "one row per frame and station: bending and twist with sigma, with and without the rigid motion",
-        "markers.csv": "one row per frame and marker seen: place, displacement and its sigma in the tunnel's axes",
+        "markers.csv": "one row per frame and marker seen: place, displacement since wind-off and its sigma, in the "
+                       "tunnel's axes; without wind-off frames from the table",
         "deformation.nc": "all of it over frames, NetCDF-4",
-        "units.json": "units of the columns",
+        "units.json": "units of the columns, and what they are relative to",
         "grid": "the deformed grid of single frames",
         "grid.pvd": "these for ParaView, all at their times",
         "deformation.gif": "the film",
@@ -218,9 +220,10 @@ def _surface(report: Report, loaded: Loaded, sequence: Sequence) -> None:
         report.heading("The grid in 3D")
         report.scene("3D view", lambda: deform_scene(loaded, sequence, magnification(loaded, sequence)),
                      "The grid deformed by the laws, rigid motion removed, drawn larger as it is said; colours: the "
-                     "true length of the displacement, or its sigma. The slider goes through the frames.")  # fmt: skip
+                     f"true length of the displacement {since(sequence)}, or its sigma. The slider goes through the "
+                     "frames.")  # fmt: skip
     report.drawing("picture of the deformed grid", lambda: surface_figure(loaded, sequence),
-                   "Length of the displacement by the laws, rigid motion removed")  # fmt: skip
+                   f"Length of the displacement by the laws {since(sequence)}, rigid motion removed")  # fmt: skip
     with report.part("values on the deformed grid"):
         mapped = values_figure(loaded, sequence)
         if mapped is not None and (of := sequence.compared) is not None:
@@ -253,5 +256,5 @@ def surface_figure(loaded: Loaded, sequence: Sequence) -> Figure | None:
     direction, up = view_of(loaded)
     moved = magnified(mesh, state, sequence.zero, 1.0)
     shown = surface_view(moved, size, direction=direction, up=up, focus=moved.vertices[used_nodes(mesh)])
-    label = f"deformation, {loaded.project.length_unit}"
+    label = f"deformation {since(sequence)}, {loaded.project.length_unit}"
     return surface_picture(shown.value, shown.shade, f"Frame {row.key}: deformation of the grid", label)

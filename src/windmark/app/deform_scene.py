@@ -7,12 +7,13 @@ from collections.abc import Sequence as Several
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.app.deform_film import since
 from windmark.app.scene3d import STATION_COLOURS, Frames, Scene3D, Station
 from windmark.app.standing_scene import own_markers, shown_markers, spread
 from windmark.deformation import Deformation
 from windmark.deformation.result import vertex_volumes
 from windmark.pipeline.deform import FrameRecord, Loaded, Sequence
-from windmark.pipeline.deform.record import Zero
+from windmark.pipeline.deform.zero import Zero, displaced_since
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ def deform_scene(loaded: Loaded, sequence: Sequence, magnify: float) -> Scene3D 
     every = np.arange(len(markers))
     carried = [_moved(markers.xyz, every, markers.volume, state, sequence.zero)[0] for _, state in kept]
     frames = Frames(tuple(_label(row) for row, _ in kept), np.stack(moved), np.stack(sigma), magnify,
-                    f"displacement by the laws, {unit}", np.stack(carried))  # fmt: skip
+                    f"displacement by the laws {since(sequence)}, {unit}", np.stack(carried))  # fmt: skip
     first = kept[0][1]
     stations = [
         Station(s.name, s.camera, s.cam_from_tunnel @ first.tunnel_from_model,
@@ -61,22 +62,16 @@ def _label(row: FrameRecord) -> str:
 def _moved(
     vertices: Array, used: NDArray[np.intp], volume: NDArray[np.str_], state: Deformation, zero: Zero | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(V, 3) displacement of the nodes by the laws since the zero, and (V,) the sigma of its length.
-
-    The zero is as uncertain as the frame over the number of frames that it is the mean of.
-    """
+    """(V, 3) displacement of the nodes by the laws since the zero, and (V,) the sigma of its length."""
     moved = np.zeros((len(vertices), 3), dtype=np.float32)
     sigma = np.full(len(vertices), np.nan, dtype=np.float32)
-    more = 1.0 if zero is None else 1.0 + 1.0 / max(zero.frames, 1)
     for start in range(0, len(used), CHUNK):
         at = used[start : start + CHUNK]
-        place, cov = state.place(vertices[at], volume[at], frame="model")
-        rest = vertices[at] if zero is None else state.volumes.bind(vertices[at], volume[at]).place(zero.q)
-        change = place - rest
+        change, cov = displaced_since(zero, state, state.volumes.bind(vertices[at], volume[at]), frame="model")
         size = np.linalg.norm(change, axis=1, keepdims=True)
         along = np.divide(change, size, out=np.zeros_like(change), where=size > 0)
         variance = np.einsum("ni,nij,nj->n", along, cov, along)
         # Without a displacement there is no direction: the mean of all.
         variance = np.where(size[:, 0] > 0, variance, np.trace(cov, axis1=1, axis2=2) / 3)
-        moved[at], sigma[at] = change, np.sqrt(np.maximum(more * variance, 0.0))
+        moved[at], sigma[at] = change, np.sqrt(np.maximum(variance, 0.0))
     return moved, sigma

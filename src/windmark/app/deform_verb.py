@@ -142,7 +142,8 @@ def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: flo
     beside = [] if loaded.mesh is None else grid_findings(loaded.test.markers, loaded.mesh, unit)
     beside += far_findings(loaded.places, unit)
     verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True), unit, zero,
-                             loaded.test.volumes.names, beside)  # fmt: skip
+                             loaded.test.volumes.names, beside,
+                             None if sequence.zero is None else sequence.zero.apart)  # fmt: skip
     page = deform_page(loaded, sequence, record, folder)
     put_verdict(page, verdict)
     page.provenance(Provenance.of_project(loaded.project, out.sources()))
@@ -165,6 +166,8 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
     if (zero := sequence.zero) is not None:
         record["zero"] = {"frames": zero.frames, "marker": zero.marker, "deformed": zero.deformed,
                           "deformed_sigma": zero.deformed_sigma}  # fmt: skip
+        if zero.scatter is not None:
+            record["zero"]["scatter"] = dict(zip(("of", "difference", "sigmas"), zero.scatter, strict=True))
     if good:
         record["median_spots"] = float(np.median([r.spots for r in good]))
         record["outliers"] = int(sum(r.outliers for r in good))

@@ -137,8 +137,8 @@ def _unfit(task: Task) -> NotIdentified | None:
         moving = [v.name for v in task.views if v.name in task.free_poses and v.name not in task.pose_cov]
         if len(moving) == len(task.views) and not task.wall[task.observations.point].any():
             return NotIdentified(
-                "cameras and model both move and no marker on a wall is seen: their motions cannot be told apart. Hold "
-                "the poses, or the model's motion, or add wall markers", "undetermined", (MOTION, *moving),
+                "cameras and model both move and no marker on a wall is found: their motions cannot be told apart. "
+                "Hold the poses, or the model's motion, or add wall markers", "undetermined", (MOTION, *moving),
             )  # fmt: skip
     return None
 

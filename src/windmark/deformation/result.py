@@ -173,7 +173,12 @@ class Deformation:
         -------
         (N, 3) places and (N, 3, 3) their covariance, that of the undeformed points not included
         """
-        return self._moved(self.volumes.bind(xyz, volume), frame)
+        return self.moved(self.volumes.bind(xyz, volume), frame)
+
+    def moved(self, placed: Placed, frame: str) -> tuple[Array, Array]:
+        """`place` of points that are bound to the laws already."""
+        place, by_free = self._linearised(placed, frame)
+        return place, self.propagated(by_free, self.lacking(placed.xyz, placed.names, frame))
 
     def linearised(self, xyz: ArrayLike, volume: Any, *, frame: str = "tunnel") -> tuple[Array, Array]:
         """`place` of points (N, 3) and its derivatives (N, 3, F) by everything that was free, in the order of `names`.
@@ -192,7 +197,7 @@ class Deformation:
 
         Walls are not told apart: markers on them are moved here as if they were on the model.
         """
-        place, cov = self._moved(self.placed, frame)
+        place, cov = self.moved(self.placed, frame)
         return place - self.placed.xyz, cov
 
     def mesh(self, mesh: Mesh, *, frame: str = "tunnel", placed: Placed | None = None) -> Mesh:
@@ -232,10 +237,6 @@ class Deformation:
         if MOTION in self.slices and by_motion is not None:
             out[..., self.slices[MOTION]] = by_motion
         return out
-
-    def _moved(self, placed: Placed, frame: str) -> tuple[Array, Array]:
-        place, by_free = self._linearised(placed, frame)
-        return place, self.propagated(by_free, self.lacking(placed.xyz, placed.names, frame))
 
     def _linearised(self, placed: Placed, frame: str) -> tuple[Array, Array]:
         _known_frame(frame)

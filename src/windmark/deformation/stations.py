@@ -20,6 +20,11 @@ from windmark.scene.shown import check_kinds
 Array = NDArray[np.float64]
 
 STEP = 1e-5
+ALONG_SPAN = 0.87
+"""Cosine of up and span from which up is no direction of a bending: of a turn about the span less than half is left in
+the twist, none where they are one. A wing with 60 degrees of dihedral and an upright up is just within it."""
+ACROSS = 0.25
+"""Part of the line from start to end that is across the chord where it is a span: chords along a body lie on it."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +71,14 @@ class Stations:
         start, end : (3,) its ends
         count : how many, evenly spaced; or their places as parts of the line
         volume : the volume that they are fixed to
-        chord : (3,) from the leading towards the trailing edge; its length is that of the chord (middle on the line)
+        chord : (3,) from the leading towards the trailing edge, which tells nose up from nose down; its length is
+            that of the chord (middle on the line)
         up : (3,) made normal to the chord
 
         Raises
         ------
         ValueError
-            For ends that coincide, no station, a chord without length or along ``up``.
+            For ends that coincide, no station, a chord without length or along ``up``, an ``up`` nearly along the span.
         """
         a, b, c, u = (np.asarray(v, dtype=float) for v in (start, end, chord, up))
         for name, v in (("start", a), ("end", b), ("chord", c), ("up", u)):
@@ -87,6 +93,13 @@ class Stations:
         u = u - (u @ c) * c / length**2
         if not np.linalg.norm(u) > 1e-9:
             raise UsageError("stations: up must not lie along the chord")
+        span = (b - a) - ((b - a) @ c) * c / length**2
+        cosine = abs(u @ span) / (np.linalg.norm(u) * max(float(np.linalg.norm(span)), 1e-300))
+        if cosine > ALONG_SPAN and np.linalg.norm(span) > ACROSS * np.linalg.norm(b - a):
+            away = float(np.degrees(np.arccos(min(cosine, 1.0))))
+            raise UsageError(f"stations: up {_text(up)} is {away:.0f} degrees from the span, the line from start to "
+                             "end: no bending is along it and a turn about the span is no twist then; expected the "
+                             "direction in which the wing bends, about normal to span and chord")  # fmt: skip
         middle = a + eta[:, None] * (b - a)
         return Stations(eta, middle - 0.5 * c, middle + 0.5 * c, u / np.linalg.norm(u), volume)
 
@@ -97,6 +110,10 @@ class Stations:
     def middle(self) -> Array:
         """(S, 3) of the chords."""
         return 0.5 * (self.fore + self.aft)
+
+
+def _text(vector: ArrayLike) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in np.asarray(vector, dtype=float)) + ")"
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ NOT_NUMBERS = ("seconds", "options", "folder", "notes", "windmark", "title", "no
 """Keys of a summary with times, paths and words."""
 TIMES = re.compile(r"(^|_)(seconds|ms|latency)(_|$)|seconds$")
 """Names of columns and keys that say how long something took."""
+UNREADABLE = (OSError, UnicodeDecodeError, json.JSONDecodeError, csv.Error, KeyError, RuntimeError)
+"""What tables, records and arrays that are cut off or overwritten raise; h5py has the last two of its own."""
 SHOWN = 10
 
 
@@ -84,24 +86,31 @@ def results_again(old: Path, new: Path, out: Difference) -> None:
                      for f in (old, new))  # fmt: skip
     out.lost, out.new = sorted(before - after), sorted(after - before)
     for name in sorted(before & after):
-        a, b = old / name, new / name
-        if name.endswith("summary.json"):
-            said = list(_json_differences(json.loads(a.read_text("utf-8")), json.loads(b.read_text("utf-8"))))
-        elif name.endswith(SKIPPED) or file_hash(a) == file_hash(b):
-            said = []
-        elif a.suffix == ".csv":
-            said = list(_table_differences(a, b))
-        elif a.suffix == ".nc":
-            said = list(_array_differences(a, b))
-        elif a.suffix == ".json":
-            said = list(_json_differences(json.loads(a.read_text("utf-8")), json.loads(b.read_text("utf-8"))))
-        else:
+        try:
+            said = _differences(old / name, new / name, name)
+        except UNREADABLE as error:
+            # Cut off, or of something else: it is not the same, and the other files are still to be compared.
+            said = [f"cannot be read any more: {str(error) or type(error).__name__}"]
+        if said is None:
             out.bytes_only.append(name)
             continue
         if said:
             out.numbers[name] = said[:SHOWN]
         else:
             out.same.append(name)
+
+
+def _differences(a: Path, b: Path, name: str) -> list[str] | None:
+    """What differs in the numbers of a file, in words; None where it has none that are compared."""
+    if not name.endswith("summary.json") and (name.endswith(SKIPPED) or file_hash(a) == file_hash(b)):
+        return []
+    if a.suffix == ".csv":
+        return list(_table_differences(a, b))
+    if a.suffix == ".nc":
+        return list(_array_differences(a, b))
+    if a.suffix == ".json":
+        return list(_json_differences(json.loads(a.read_text("utf-8")), json.loads(b.read_text("utf-8"))))
+    return None
 
 
 def _rows(path: Path) -> tuple[list[str], list[list[str]]]:

@@ -38,6 +38,7 @@ class PoseRow:
     fields_px : how far rows of odd number are from those of even number, see `FollowedFrame`
     other : what another interior of the camera would do, where the residuals are more than the spots' noise
     blur_px, radius_px : how blurred the spots are, and their median radius, see `FollowedFrame`
+    picture : see `FollowedFrame`; 0 where there is no pose
     """
 
     index: int
@@ -64,6 +65,7 @@ class PoseRow:
     radius_px: float = np.nan
     fields_px: float = 0.0
     other: OtherInterior = NO_OTHER
+    picture: int = 0
 
     @staticmethod
     def of(frame: FollowedFrame) -> PoseRow:
@@ -85,7 +87,7 @@ class PoseRow:
             frame.time_s, answer.unchecked, answer.excess_px, spot, answer.off_table,
             0.0 if answer.deformation is None else answer.deformation.largest_px,
             frame.blur_px, float(np.median(frame.detections.radius_px[answer.matching.detection])),
-            frame.fields_px, other_interior(answer, spot) if misfits else NO_OTHER,
+            frame.fields_px, other_interior(answer, spot) if misfits else NO_OTHER, frame.picture,
         )  # fmt: skip
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,15 @@ NEXT = 3
 """So many spots on in order a spot is looked for that is the same, as there may be several copies."""
 ONCE_MORE = "its spots do not differ by a tenth of their noise"
 """Why a picture is taken for another one once more; stands in every sentence that says so."""
+
+
+def print_of(image: NDArray[np.generic]) -> int:
+    """The same for the same grey levels; noise makes other pictures differ.
+
+    Two checksums: of a hundred thousand pictures two would have the same single one of 32 bits.
+    """
+    content = image.tobytes()
+    return zlib.crc32(content) | zlib.adler32(content) << 32
 
 
 def is_repeated(point_a: Ints, xy_a: Array, point_b: Ints, xy_b: Array, sigma_px: float) -> bool:

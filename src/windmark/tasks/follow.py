@@ -20,6 +20,7 @@ from windmark.options.registration import MAX_TABLE_ERROR
 from windmark.registration import Motion, NotRegistered, Registration, TrackState, predict, track
 from windmark.registration.track import taken_up
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.repeated import print_of
 from windmark.tasks.predictions import Known, from_camera, look_again
 from windmark.tasks.unexplained import unexplained
 
@@ -77,6 +78,7 @@ class FollowedFrame:
     blur_px : how blurred its spots are, 1 sigma of a Gaussian; NaN where they were not looked for near a prediction
     fields_px : how far its rows of odd number are from those of even number, see `FieldShift.sure_px`
     time_s : when it was taken by its recording's clock, NaN where unknown
+    picture : tells whether another picture is the same bit by bit (`print_of`); 0 for one that cannot be read
     """
 
     index: int
@@ -92,6 +94,7 @@ class FollowedFrame:
     time_s: float = np.nan
     blur_px: float = np.nan
     fields_px: float = 0.0
+    picture: int = 0
 
     @property
     def registered(self) -> Registration | None:
@@ -207,7 +210,7 @@ class _Follower:
         return FollowedFrame(
             index, name, instant, state.status, reason, near, self._polarity, spots, answer,
             working_time() - start, blur_px=self._known.frame.blur_px if near and self._known else np.nan,
-            fields_px=fields,
+            fields_px=fields, picture=print_of(image),
         )  # fmt: skip
 
     def _read(self, item: Any) -> Image:

@@ -14,6 +14,7 @@ from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.project import OutputEntry
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.pipeline.deform.values import units
+from windmark.pipeline.deform.zero import Zero, displaced_since
 from windmark.tasks.deform.task import DeformedFrame
 
 Array = NDArray[np.float64]
@@ -36,8 +37,9 @@ def write_grid_series(folder: Path, wanted: OutputEntry, records: Sequence[Frame
 
 
 def write_grid(
-    folder: Path, loaded: Loaded, frame: DeformedFrame, state: Deformation, mapped: Mapping[str, Array]
-) -> None:
+    folder: Path, loaded: Loaded, frame: DeformedFrame, state: Deformation, mapped: Mapping[str, Array],
+    zero: Zero | None = None,
+) -> None:  # fmt: skip
     """Write the grid of a frame, displaced, where the project wants it (`gridded`).
 
     Parameters
@@ -45,11 +47,12 @@ def write_grid(
     folder : of the results; the files go into `GRIDS` there
     state : of the frame
     mapped : values at the grid's nodes, see `Mapper.frame`
+    zero : the wind-off state that displacement and deformation are relative to; None for the grid as it is
     """
     wanted = loaded.project.output
     if not gridded(wanted, frame):
         return
-    from windmark.deformation import bound_vertices, vertex_volumes
+    from windmark.deformation import bound_vertices
 
     mesh = loaded.mesh
     assert mesh is not None
@@ -60,8 +63,8 @@ def write_grid(
     if "plot3d" in wanted.grid:
         io.write_mesh(folder / GRIDS / f"{frame.key}.xyz", moved, length_unit=unit)
     if "vtk" in wanted.grid:
-        shift = moved.vertices - mesh.vertices
-        place, cov = state.displacement(mesh.vertices, vertex_volumes(mesh), frame="model")
+        shift = moved.vertices - (mesh.vertices if zero is None else zero.rest(placed, "tunnel"))
+        place, cov = displaced_since(zero, state, placed, frame="model")
         fields = {
             "displacement_x": shift[:, 0], "displacement_y": shift[:, 1], "displacement_z": shift[:, 2],
             "deformation": np.linalg.norm(place, axis=1),

@@ -94,7 +94,7 @@ def _load(project: DeformProject) -> Loaded:
                 given.start, given.end, given.count, volume=given.volume, chord=given.chord, up=given.up
             )
         except WindmarkError as error:
-            raise io.FileError(project.path, str(error), "stations") from None
+            raise io.FileError(project.path, str(error).removeprefix("stations: "), "stations") from None
         own = markers.xyz[(markers.volume == stations.volume) & (markers.role != "wall")]
         if len(own):
             _check_place(project, own, stations)

@@ -24,9 +24,10 @@ from windmark.pipeline.deform.inbox import Arrival
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import is_number, number_of, stamp_text
 from windmark.pipeline.deform.points import COLUMNS, FramePoints
-from windmark.pipeline.deform.record import MOTION, FrameRecord, motion_point
+from windmark.pipeline.deform.record import FrameRecord
 from windmark.pipeline.deform.resume import Kept, named
 from windmark.pipeline.deform.series import series_content
+from windmark.pipeline.deform.zero import MOTION, Zero, displaced_since, motion_point
 from windmark.pipeline.resume import CHUNK, SeriesJournal, Stopped, replaced_file
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
 from windmark.tasks.deform.why import words_of
@@ -56,15 +57,16 @@ class Writer:
     stopped : the run that is gone on with; None for a new one
     arrived : live, the files whose fate is known: they are in the table with the next frame, or at the end, and then no
         longer in this list. None for files on a disk
+    zero : the wind-off state that displacements are relative to; None for the table of markers
     """
 
     def __init__(
         self, folder: Path, loaded: Loaded, table: FrameTable, made: Mapping[str, Any],
-        stopped: Stopped[Kept] | None = None, *, arrived: list[Arrival] | None = None,
+        stopped: Stopped[Kept] | None = None, *, arrived: list[Arrival] | None = None, zero: Zero | None = None,
     ) -> None:  # fmt: skip
         self._folder, self._loaded, self._table, self._made, self._arrived = folder, loaded, table, made, arrived
         self._names = loaded.test.volumes.names
-        self._stopped = stopped
+        self._stopped, self._zero = stopped, zero
         self._rows: list[FrameRecord] = [] if stopped is None else [kept.row for kept in stopped.frames]
         self._in_series = 0
         self._files: dict[str, AppendedFile] = {}
@@ -126,7 +128,7 @@ class Writer:
                 self._line("span.csv", [number, _cell(eta), *(_cell(c[s]) for c in columns)])
         if frame.state is not None:
             self._markers(number, frame, frame.state)
-            write_grid(self._folder, self._loaded, frame, frame.state, mapped)
+            write_grid(self._folder, self._loaded, frame, frame.state, mapped, self._zero)
         for found in points:
             self._points(number, found)
         whole = all(isinstance(item, Path) for item in images.images.values())
@@ -214,7 +216,8 @@ class Writer:
         with io.atomic_write(self._folder / "units.json") as stream:
             point = motion_point(self._loaded.test.markers).round(9).tolist()
             units_of = {"length": unit, "parameters": dict(zip(self._names, of_laws, strict=True)),
-                        "motion": {"shift": unit, "turn": "deg", "shift_of_model_point": point}}  # fmt: skip
+                        "motion": {"shift": unit, "turn": "deg", "shift_of_model_point": point},
+                        "relative_to": self._relative_to()}  # fmt: skip
             stream.write(json.dumps(units_of, indent=2) + "\n")
         self._sizes = {name: file.size for name, file in self._files.items()}
         self._crcs_kept = dict(self._crcs)
@@ -222,6 +225,12 @@ class Writer:
         if stopped is None:
             self._journal.begin(self._made, self._sizes)
         self._write_series()
+
+    def _relative_to(self) -> str:
+        """What all parameters, motions and displacements are relative to, in words."""
+        if self._zero is None:
+            return "the table of markers"
+        return f"the wind-off frames {', '.join(self._loaded.project.sequence.zero)}: the mean of {self._zero.frames}"
 
     def _tables(self) -> dict[str, tuple[Sequence[str], str]]:
         """Table -> its columns and what stands before them."""
@@ -272,12 +281,13 @@ class Writer:
         self._lines[name].append(",".join(map(str, cells)) + "\n")
 
     def _markers(self, number: str, frame: DeformedFrame, state: Deformation) -> None:
-        """Displacement of every marker that was seen, in the tunnel, with that of its law."""
+        """Place of every marker that was seen, in the tunnel, and how it moved by laws and motion since the zero."""
         markers, seen = self._loaded.test.markers, frame.observations
         assert seen is not None
         point = np.unique(seen.point[markers.role[seen.point] != "wall"])
-        moved, cov = (column[point] for column in state.markers_displaced())
-        place = markers.xyz[point] + moved
+        # The state's own placed markers: theirs are the last place and its derivatives that were worked out.
+        moved, cov = (column[point] for column in displaced_since(self._zero, state, state.placed))
+        place = state.tunnel_from_model.apply(state.placed.place(state.q))[point]
         sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
         bad = np.unique(seen.point[~state.used])
         for k, p in enumerate(point):

@@ -149,8 +149,8 @@ class StationsEntry(Strict):
     """Where twist and bending are reported: chords along a line on a volume.
 
     ``volume``: that they are on. ``start``: of the line, at rest. ``end``: of the line. ``count``: evenly spaced
-    stations, or their parts of the line (0 to 1). ``chord``: direction aft, against which twist is measured. ``up``:
-    direction in which bending is measured.
+    stations, or their parts of the line (0 to 1). ``chord``: direction aft, from nose to tail, against which twist is
+    measured: the other way round nose up is nose down. ``up``: direction in which bending is measured.
     """
 
     volume: str

@@ -2,94 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.deformation import Deformation, SpanValues, Stations, span_values
-from windmark.errors import plus_minus
+from windmark.deformation import Deformation, Stations, span_values
 from windmark.geometry import Pose
-from windmark.geometry.rotations import log_so3
+from windmark.pipeline.deform.zero import Zero, motion_since
 from windmark.scene import MarkerSet
 from windmark.tasks.deform.task import DeformedFrame, Sight
 
 Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
 
-MOTION = ("shift_x", "shift_y", "shift_z", "turn_x_deg", "turn_y_deg", "turn_z_deg")
-"""The rigid motion of the model in the tunnel's axes: shift of its markers' centre, rotation vector."""
 MISFIT = "misfit"
 """Status of a frame whose laws do not explain it: its numbers are there, with sigmas that contain the misfit."""
-SURE = 3.0
-"""Sigmas from which a shape is another one."""
 DOUBTFUL = 5.0
 """A spot whose sigma is so many times the median of its frame has something on it or beside it."""
-
-
-@dataclass(frozen=True)
-class Zero:
-    """The wind-off state that results are relative to.
-
-    Parameters
-    ----------
-    q : (K,) parameters of the laws
-    tunnel_from_model : rigid motion
-    span : bending and twist, in the model's frame and with the rigid motion; None without stations
-    frames : how many frames it is the mean of
-    marker, deformed, deformed_sigma : the marker that the laws moved farthest from its table, how far, and its sigma
-    """
-
-    q: Array
-    tunnel_from_model: Pose
-    span: tuple[SpanValues, SpanValues] | None = None
-    frames: int = 0
-    marker: str = ""
-    deformed: float = 0.0
-    deformed_sigma: float = 0.0
-
-    @staticmethod
-    def of(states: Sequence[Deformation], stations: Stations | None, markers: MarkerSet) -> Zero:
-        """The mean of wind-off states, at least one."""
-        q = np.mean([s.q for s in states], axis=0)
-        first = states[0].tunnel_from_model
-        away = np.mean([(s.tunnel_from_model @ first.inverse()).log() for s in states], axis=0)
-        span = None
-        if stations is not None:
-            span = tuple(_mean([span_values(s, stations, frame=f) for s in states]) for f in ("model", "tunnel"))
-        farthest = _farthest(states, markers)
-        return Zero(q, Pose.exp(away) @ first, span, len(states), *farthest)  # type: ignore[arg-type]
-
-
-    def words(self, unit: str) -> str:
-        """How far the laws have it from the table's shape. Pictures do not tell a load from the model's own weight."""
-        size = f"up to {plus_minus(self.deformed, self.deformed_sigma)} {unit} (marker {self.marker})"
-        if self.deformed < SURE * self.deformed_sigma:
-            return f"by the laws no other shape than the table's, {size}"
-        return (f"by the laws {size} from the table's shape: the model's own weight, a setting, an error of the table, "
-                "or a load; all results are relative to it")  # fmt: skip
-
-
-def _farthest(states: Sequence[Deformation], markers: MarkerSet) -> tuple[str, float, float]:
-    """The marker that the laws move farthest in the mean of the states: its name, how far, and the sigma of it."""
-    model = np.flatnonzero(markers.role != "wall")
-    xyz, volume = markers.xyz[model], markers.volume[model]
-    places = [state.place(xyz, volume, frame="model") for state in states]
-    change = np.mean([place for place, _ in places], axis=0) - xyz
-    size = np.linalg.norm(change, axis=1)
-    k = int(size.argmax())
-    along = change[k] / size[k] if size[k] > 0 else np.full(3, 3.0**-0.5)
-    cov = np.mean([cov[k] for _, cov in places], axis=0) / len(states)
-    return str(markers.name[model[k]]), float(size[k]), float(np.sqrt(max(along @ cov @ along, 0.0)))
-
-
-def _mean(values: Sequence[SpanValues]) -> SpanValues:
-    n = len(values)
-    return SpanValues(
-        values[0].eta, np.mean([v.bending for v in values], axis=0), np.mean([v.twist_deg for v in values], axis=0),
-        np.sum([v.cov for v in values], axis=0) / n**2,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -162,11 +93,6 @@ def doubtful(frame: DeformedFrame, names: NDArray[np.str_]) -> tuple[str, ...]:
     return tuple(f"{frame.views[seen.view[k]]}/{names[seen.point[k]]}" for k in which)
 
 
-def motion_point(markers: MarkerSet) -> Array:
-    """(3,) the point of the model whose shift is reported: the mean place of its markers."""
-    return np.asarray(markers.xyz[markers.role != "wall"].mean(axis=0))
-
-
 def record(
     frame: DeformedFrame, zero: Zero | None, stations: Stations | None, markers: MarkerSet, centre: Array,
     time_s: float, latency_s: float, count: int,
@@ -189,6 +115,8 @@ def record(
         )  # fmt: skip
     state = frame.state
     q_sigma = np.array([state.sigma[n] for n in state.volumes.names])
+    if zero is not None and zero.more is not None:
+        q_sigma = np.sqrt(q_sigma**2 + np.diag(zero.more)[: len(q_sigma)])
     motion, motion_sigma = _motion(state, zero, centre)
     none = np.zeros(0)
     bending, twist, pitch = ((none, none),) * 3 if stations is None else _span(state, zero, stations)
@@ -206,18 +134,12 @@ def record(
 def _motion(state: Deformation, zero: Zero | None, centre: Array) -> tuple[Array, Array]:
     """Shift of the centre and rotation vector in degrees, less the zero, and their sigma."""
     first = zero.tunnel_from_model if zero is not None else Pose.identity()
-    now = state.tunnel_from_model
-    change = now @ first.inverse()
-    out = np.concatenate([now.apply(centre) - first.apply(centre), np.degrees(log_so3(change.rotation))])
+    out, j = motion_since(state.tunnel_from_model, first, centre)
     cov = np.zeros((6, 6))
     if "motion" in state.slices:
-        own = state.cov[state.slices["motion"], state.slices["motion"]]
-        place = now.apply(centre)
-        j = np.zeros((6, 6))
-        j[:3, :3] = -np.array([[0, -place[2], place[1]], [place[2], 0, -place[0]], [-place[1], place[0], 0]])
-        j[:3, 3:] = np.eye(3)
-        j[3:, :3] = np.degrees(np.eye(3))
-        cov = j @ own @ j.T
+        cov = j @ state.cov[state.slices["motion"], state.slices["motion"]] @ j.T
+    if zero is not None:
+        cov = cov + zero.more_of(np.zeros((6, len(state.q))), j)
     return out, np.sqrt(np.diag(cov))
 
 

@@ -26,7 +26,7 @@ from windmark.pipeline.deform.pictured import Gallery
 from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.project import DeformProject
-from windmark.pipeline.deform.record import MISFIT, FrameRecord, Zero, motion_point, record
+from windmark.pipeline.deform.record import MISFIT, FrameRecord, record
 from windmark.pipeline.deform.resume import (
     ARRIVALS,
     Kept,
@@ -40,6 +40,7 @@ from windmark.pipeline.deform.resume import (
 from windmark.pipeline.deform.series import NOT_TRIED
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Compared, Mapper
+from windmark.pipeline.deform.zero import Zero, motion_point, noise_share
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.resume import Stopped, check_state, cut, read_stopped
 from windmark.pipeline.same_run import check_begun, check_pictures
@@ -159,7 +160,7 @@ def run_sequence(
     if stopped is not None:
         frames = job.take_up(stopped, frames, known.frames, folder, finish)
     arrived = frames.told if isinstance(frames, Watch) else [] if live else None
-    with Writer(folder, loaded, table, made, stopped, arrived=arrived) as writer:
+    with Writer(folder, loaded, table, made, stopped, arrived=arrived, zero=out.zero) as writer:
         try:
             job.follow(frames, writer, say)
         except KeyboardInterrupt:
@@ -325,12 +326,15 @@ def zeroed(
     if not wanted:
         return loaded, None, None, []
     good, why = [], ""
+    shown: set[tuple[tuple[str, int], ...]] = set()
     for key, images in wanted.items():  # each for itself: wind-off frames may be far apart
         frame = next(follow_deformation([images], loaded.test))
+        pictures = tuple((name, sight.picture) for name, sight in frame.cameras.items() if sight.picture)
         if frame.state is None:
             why = f"frame {key}: {frame.reason}"
-        else:
+        elif not pictures or pictures not in shown:  # the same pictures once more are no second measurement
             good.append((frame, images))
+            shown.add(pictures)
     if not good:
         _check_units(loaded)
         raise io.FileError(project.path, f"no wind-off frame can be used; {why}", "sequence.zero")
@@ -338,7 +342,8 @@ def zeroed(
     corrected = zero_markers(states, seen, [[View(n, n) for n in f.views] for f, _ in good], loaded.test.markers)
     test = replace(loaded.test, markers=corrected.markers, marker_cov=corrected.cov)
     good = [(identified_again(frame, test), images) for frame, images in good]
-    zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations, corrected.markers)
+    share = noise_share(loaded.test.markers, corrected.cov, corrected.seen)
+    zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations, corrected.markers, share)
     return replace(loaded, test=test), zero, corrected.shift, good
 
 

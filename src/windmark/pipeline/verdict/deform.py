@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark.errors import g2
 from windmark.pipeline.deform.followed import Followed
@@ -13,6 +14,7 @@ from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding, Verdict
+from windmark.scene.repeated import ONCE_MORE
 
 
 def deform_verdict(
@@ -22,11 +24,12 @@ def deform_verdict(
     zero: Sequence[str] = (),
     parameters: Sequence[str] = (),
     grid: Sequence[Finding] = (),
+    apart: NDArray[np.float64] | None = None,
 ) -> Verdict:
     """Judge a deformation test; ``weak`` is what its set-up hardly determines, in words; ``unit`` that of lengths.
 
     ``zero``: keys of the wind-off frames; ``parameters``: names of those of the laws;
-    ``grid`` of `grid_findings`.
+    ``grid`` of `grid_findings`; ``apart`` of `Zero`.
     """
     good = [r for r in records if r.status in ("cold", "tracked", MISFIT)]
     if not good:
@@ -36,7 +39,7 @@ def deform_verdict(
         return bad_series(cause, f"no frame gave a deformation; the first: {reason}", step)
     found = [*grid, *lost_findings([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")]
     found += followed_findings([_followed(r) for r in good], unit)
-    found += [*_standing_out(good), *_zero(good, zero, parameters)]
+    found += [*_copies(good), *_standing_out(good), *_zero(good, zero, parameters, apart)]
     if weak:
         found.append(
             Finding(
@@ -60,6 +63,24 @@ def _followed(record: FrameRecord) -> Followed:
     return Followed(f"frame {record.key}", record.cameras, doubts, record.sigma0)
 
 
+def _copies(good: Sequence[FrameRecord]) -> list[Finding]:
+    """Pictures that are those of a frame long before, bit by bit; of the frame before `followed_findings` has them."""
+    first: dict[tuple[str, int], str] = {}
+    copies: dict[str, tuple[str, list[str]]] = {}
+    for row in good:
+        for name, sight in row.cameras.items():
+            of = first.setdefault((name, sight.picture), row.key) if sight.picture else row.key
+            if of != row.key and ONCE_MORE not in sight.reason:
+                copies.setdefault(row.key, (of, []))[1].append(name)
+    if not copies:
+        return []
+    key, (of, names) = next(iter(copies.items()))
+    more = f" (and {len(copies) - 1} more such frames)" if len(copies) > 1 else ""
+    seen_by = " and ".join(names)
+    reason = f"the picture of {seen_by} in frame {key}{more} is that of frame {of} bit by bit: it is of one of them"
+    return [Finding(DOUBTFUL, "file", reason, "find that frame's own pictures, or leave it out")]
+
+
 def _standing_out(good: Sequence[FrameRecord]) -> list[Finding]:
     """Frames that the laws do not explain as they do the others: so few that `followed_findings` leaves them out.
 
@@ -80,15 +101,21 @@ def _standing_out(good: Sequence[FrameRecord]) -> list[Finding]:
     return [Finding(DOUBTFUL, "picture", reason, "see that its pictures are whole, of this frame and of one moment")]
 
 
-def _zero(good: Sequence[FrameRecord], zero: Sequence[str], parameters: Sequence[str]) -> list[Finding]:
-    """Wind-off frames that differ by a part of what the wind does: one of them is not wind-off."""
+def _zero(
+    good: Sequence[FrameRecord], zero: Sequence[str], parameters: Sequence[str], sigmas: NDArray[np.float64] | None
+) -> list[Finding]:  # fmt: skip
+    """Wind-off frames that differ by a part of what the wind does: one of them is not wind-off.
+
+    ``sigmas`` by which they differ; None by the records', which contain such a difference where there is a `Zero`.
+    """
     off = [r for r in good if r.key in zero]
     if len(off) < 2 or not len(off[0].q):
         return []
     q, sigma = np.array([r.q for r in off]), np.max([r.q_sigma for r in off], axis=0)
     every = np.ptp([r.q for r in good], axis=0)
     apart = np.ptp(q, axis=0)
-    bad = (apart > rules.WIND_OFF_SIGMAS * sigma) & (apart > rules.WIND_OFF * every)
+    times = apart / np.maximum(sigma, 1e-300) if sigmas is None else sigmas[: len(apart)]
+    bad = (times > rules.WIND_OFF_SIGMAS) & (apart > rules.WIND_OFF * every)
     if not bad.any():
         return []
     k = int(np.argmax(np.where(bad, apart / np.maximum(every, 1e-300), 0.0)))

@@ -126,12 +126,22 @@ def _off(good: Sequence[PoseRow], names: Sequence[str]) -> list[Finding]:
 
 
 def _copies(rows: Sequence[PoseRow]) -> list[Finding]:
-    """Pictures that show what the one before them shows, noise and all."""
+    """Pictures that show what the one before them shows, noise and all; or are one long before, bit by bit."""
     copies = [(b.name, a.name) for a, b in pairwise(rows) if _same(a, b)]
-    if not copies:
-        return []
-    name, of = copies[0]
-    return [copies_finding(f"{name} is {of} once more", len(copies), "its pose")]
+    out, first = [], dict[int, str]()
+    if copies:
+        name, of = copies[0]
+        out = [copies_finding(f"{name} is {of} once more", len(copies), "its pose")]
+    told = {name for name, _ in copies}
+    known = [row for row in rows if row.picture]
+    earlier = [(row.name, first.setdefault(row.picture, row.name)) for row in known]
+    exact = [(name, of) for name, of in earlier if of != name and name not in told]
+    if exact:
+        name, of = exact[0]
+        more = f" (and {len(exact) - 1} more such images)" if len(exact) > 1 else ""
+        out.append(Finding(DOUBTFUL, "file", f"{name}{more} is {of} bit by bit: it is of one of these instants",
+                           "find that instant's own picture, or leave it out"))  # fmt: skip
+    return out
 
 
 def _same(a: PoseRow, b: PoseRow) -> bool:

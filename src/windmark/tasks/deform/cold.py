@@ -15,10 +15,19 @@ from windmark.registration import NotRegistered, Registration, RigRegistration, 
 from windmark.scene import Detections, MarkerSet
 from windmark.tasks.deform.spots import Labelled, labelled_spots
 from windmark.tasks.deform.task import DeformationTest, Station
-from windmark.tasks.deform.walls import LEAST_WALL, off_its_walls
+from windmark.tasks.deform.walls import LEAST_WALL, off_its_walls, walls_in_place
 from windmark.tasks.together import RigView, Together, register_together
 
 Ints = NDArray[np.int64]
+
+STILL = 1e-9
+"""Of the markers' extent: what rounding moves them by where the laws are at rest."""
+SHORT = 1e-3
+"""Of the markers' extent: length of a line that tells how a law turns a normal."""
+
+
+Pairs = tuple[Ints, Ints, int]
+"""Spots, their markers, and how many were expected."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +62,8 @@ def anywhere(
     pool : for the cameras that are searched by themselves
     """
     model = np.flatnonzero(test.markers.role != "wall")
-    markers, options = test.markers.take(model), _model_options(test, model)
+    placed, options = at_start(test), _model_options(test, model)
+    markers = placed.take(model)
     labelled = {name: Labelled.none(why) for name, why in spots.items() if isinstance(why, str)}
     seen = {name: s for name, s in spots.items() if isinstance(s, Detections)}
     off = {n: pool.submit(off_its_walls, s, test, test.station(n), _options(test)) for n, s in seen.items()}
@@ -70,7 +80,7 @@ def anywhere(
         if not (isinstance(found, NotRegistered) and found.cause == "time"):
             labelled |= {s.name: _of_rig(done, s, seen[s.name], model) for s in still}
     at = found.rig_from_model if isinstance(found, RigRegistration) else Pose.identity()
-    alone = {n: pool.submit(_alone, s, test, test.station(n), at) for n, s in seen.items() if n not in labelled}
+    alone = {n: pool.submit(_alone, s, test, placed, test.station(n), at) for n, s in seen.items() if n not in labelled}
     labelled |= {name: job.result() for name, job in alone.items()}
     return Found({n: labelled[n] for n in spots}, left_out | moved)
 
@@ -94,27 +104,50 @@ def _of_rig(done: Together, station: Station, spots: Detections, model: Ints) ->
     """A still camera's spots, by the registration of all of them."""
     answer, pose = done.of(station.name), station.cam_from_tunnel
     if answer is not None:
-        return _labelled(spots, [(answer, model)], pose)
+        return _labelled(spots, [_pairs(answer, model)], pose)
     if isinstance(done.answer, NotRegistered):
         return replace(Labelled.none(f"model: {done.answer.reason}"), pose=pose)
     return replace(Labelled.none(_contradicting(done)[station.name]), pose=pose)
 
 
-def _alone(spots: Detections, test: DeformationTest, station: Station, tunnel_from_model: Pose) -> Labelled:
-    """The spots of one camera by itself: walls where it moves, then the model."""
-    pose, pairs, model = station.cam_from_tunnel, [], np.flatnonzero(test.markers.role != "wall")
-    wall = np.flatnonzero(test.markers.role == "wall")
+def _alone(
+    spots: Detections, test: DeformationTest, placed: MarkerSet, station: Station, tunnel_from_model: Pose
+) -> Labelled:  # fmt: skip
+    """The spots of one camera by itself: walls where it moves, then the model. ``placed`` : of `at_start`."""
+    pose, pairs, model = station.cam_from_tunnel, [], np.flatnonzero(placed.role != "wall")
+    wall = np.flatnonzero(placed.role == "wall")
     if station.moves and len(wall) >= LEAST_WALL:
-        answer = register(spots, test.markers.take(wall), station.camera, prior=pose, **_options(test))
+        answer = register(spots, placed.take(wall), station.camera, prior=pose, **_options(test))
         if isinstance(answer, Registration):
             pose = answer.cam_from_model
-            pairs.append((answer, wall))
-    answer = _model(
-        spots, test.markers.take(model), station.camera, pose @ tunnel_from_model, _model_options(test, model)
-    )
+            pairs.append(_pairs(answer, wall))
+    answer = _model(spots, placed.take(model), station.camera, pose @ tunnel_from_model, _model_options(test, model))
     if not isinstance(answer, Registration):
         return replace(Labelled.none(f"model: {answer.reason}"), pose=pose)
-    return _labelled(spots, [*pairs, (answer, model)], pose)
+    pairs.append(_pairs(answer, model))
+    if station.moves and station.pose_cov is None and len(pairs) == 1:
+        # Nothing else holds the pose, and few walls among many spots are no pattern: where the file has the camera.
+        pairs.append(walls_in_place(spots, placed, wall, station, pairs[0][0]))
+    return _labelled(spots, pairs, pose)
+
+
+def at_start(test: DeformationTest) -> MarkerSet:
+    """The markers where the laws are at their start: a part that is set against its table is looked for as it is set.
+
+    The test's own ones where that is nothing.
+    """
+    markers = test.markers
+    placed = test.volumes.bind(markers.xyz, np.where(markers.role == "wall", "", markers.volume))
+    xyz, size = placed.place(test.volumes.start), float(np.ptp(markers.xyz, axis=0).max(initial=0.0))
+    moved = np.linalg.norm(xyz - markers.xyz, axis=1) > STILL * size
+    if not moved.any():
+        return markers
+    # A normal goes along as a line of the part does.
+    tips = np.where(np.isfinite(markers.normal), markers.xyz + SHORT * size * markers.normal, markers.xyz)
+    line = test.volumes.bind(tips, placed.names).place(test.volumes.start) - xyz
+    normal = np.where(moved[:, None], line / (SHORT * size), markers.normal)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return replace(markers, xyz=xyz, normal=np.divide(normal, length, out=markers.normal.copy(), where=length > 0))
 
 
 def _model(
@@ -125,12 +158,15 @@ def _model(
     return answer if answer else register(spots, markers, camera, **options)
 
 
-def _labelled(spots: Detections, pairs: list[tuple[Registration, Ints]], pose: Pose) -> Labelled:
-    """Labels of several registrations, each of its part of the markers; a spot that two want is the first one's."""
-    spot = np.concatenate([a.matching.detection for a, _ in pairs])
-    marker = np.concatenate([which[a.matching.marker] for a, which in pairs])
+def _pairs(answer: Registration, which: Ints) -> Pairs:
+    return answer.matching.detection, which[answer.matching.marker], answer.n_expected
+
+
+def _labelled(spots: Detections, pairs: list[Pairs], pose: Pose) -> Labelled:
+    """Labels from several searches, each of its part of the markers; a spot that two want is the first one's."""
+    spot, marker = (np.concatenate([p[k] for p in pairs]) for k in (0, 1))
     _, once = np.unique(spot, return_index=True)
-    return labelled_spots(spots, spot[once], marker[once], sum(a.n_expected for a, _ in pairs), pose)
+    return labelled_spots(spots, spot[once], marker[once], sum(p[2] for p in pairs), pose)
 
 
 def _options(test: DeformationTest) -> dict[str, Any]:

@@ -15,11 +15,11 @@ from windmark.deformation import Deformation, NotIdentified
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
 from windmark.scene import Detections, MarkerSet, Observations
-from windmark.scene.repeated import ONCE_MORE
+from windmark.scene.repeated import ONCE_MORE, print_of
 from windmark.tasks.deform.between import Shots, open_shots
 from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
-from windmark.tasks.deform.sights import Usual, once_more, print_of, sight
+from windmark.tasks.deform.sights import Usual, once_more, sight
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
 from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
 from windmark.tasks.deform.task import (
@@ -33,6 +33,7 @@ from windmark.tasks.deform.task import (
 )
 from windmark.tasks.deform.texture import Texture, texture_of, without_texture
 from windmark.tasks.deform.walls import without_walls
+from windmark.tasks.deform.why import set_otherwise
 
 Array = NDArray[np.float64]
 
@@ -183,6 +184,8 @@ class _Follower:
                 if memory is not None and name not in self._shots and not out[name].reason:
                     said = once_more(memory.labelled.get(name), spots, copied=name in self._copied)
                     out[name] = replace(out[name], reason=said)
+            if name in images and name not in self._shots:
+                out[name] = replace(out[name], picture=self._prints[name])
         return out
 
     def _read(self, frame: FrameImages) -> tuple[dict[str, Image], dict[str, str]]:
@@ -317,7 +320,8 @@ class _Follower:
         seen = {n: s for n, s in labelled.items() if len(s.marker)}
         if not seen:
             return reasons(labelled)
-        return self._settled(self._believed(images), seen, None)
+        settled = self._settled(self._believed(images), seen, None)
+        return set_otherwise(settled, self._test, seen, spots) if isinstance(settled, str) else settled
 
     def _believed(self, images: dict[str, Image]) -> dict[str, Image]:
         """Images of the cameras that do not contradict the others."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -120,11 +119,6 @@ def sight(
     odd = {str(test.markers.name[m]): far for m, far in usual.odd.get(name, {}).items()}
     fields = field_shift(image, spots.xy, spots.radius_px).sure_px
     return Sight(spots.expected, count, why, lag_s, spots.known.frame.blur_px, spots.radius_px, fields, odd)
-
-
-def print_of(image: Image) -> int:
-    """The same for the same grey levels; noise makes other pictures differ."""
-    return zlib.crc32(image.tobytes())
 
 
 def once_more(before: Labelled | None, now: Labelled, *, copied: bool) -> str:

@@ -187,6 +187,7 @@ class Sight:
     fields_px : how far rows of odd number are from those of even number, see `FieldShift.sure_px`
     odd : marker without a spot, near whose place there is a spot without a marker -> distance in pixels, and about
         that in length units
+    picture : tells whether another instant's picture is the same bit by bit (`print_of`); 0 for an image between two
     """
 
     expected: int = 0
@@ -197,6 +198,7 @@ class Sight:
     radius_px: float = float("nan")
     fields_px: float = 0.0
     odd: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    picture: int = 0
 
 
 @dataclass(frozen=True, eq=False)

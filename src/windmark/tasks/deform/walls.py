@@ -10,16 +10,21 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark.errors import g2
 from windmark.registration import Registration, register
-from windmark.scene import Detections
-from windmark.tasks.deform.spots import LEAST_PX, Labelled
+from windmark.scene import Detections, MarkerSet
+from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, Labelled, around
 from windmark.tasks.deform.task import DeformationTest, Station
+
+Ints = NDArray[np.int64]
 
 LEAST_WALL = 4
 """So many markers on walls are wanted to find where a camera stands."""
+LEAST_PLACED = 3
+"""So many markers on walls at their places hold a camera."""
 THERE = 0.5
 """Part of the walls' markers in the picture that have a spot at their places where the camera stands as it should."""
 
@@ -32,6 +37,26 @@ def without_walls(test: DeformationTest, now: Mapping[str, Labelled], before: Ma
         if usual >= LEAST_WALL and not test.station(name).moves and wall[own.marker].sum() < THERE * usual:
             return name
     return None
+
+
+def walls_in_place(
+    spots: Detections, placed: MarkerSet, wall: Ints, station: Station, taken: Ints
+) -> tuple[Ints, Ints, int]:  # fmt: skip
+    """Spots of markers on walls (indices ``wall``) where a camera's file puts them, within `MOST_PX`; and how many.
+
+    Too few of those in the picture are taken for chance: a camera that moved farther shows others' spots there.
+    ``taken`` : spots that are the model's.
+    """
+    free = np.setdiff1d(np.arange(len(spots)), taken)
+    own, walls = spots.take(free), placed.take(wall)
+    seen = around(own, station.camera, station.cam_from_tunnel, walls)
+    places = station.camera.project(station.cam_from_tunnel.apply(walls.xyz))[0]
+    near = np.linalg.norm(seen.xy - places[seen.marker], axis=1) < MOST_PX
+    marker = seen.marker[near]
+    if len(marker) < max(LEAST_PLACED, THERE * seen.expected):
+        return free[:0], wall[:0], seen.expected
+    spot = cKDTree(own.xy).query(seen.xy[near])[1]
+    return free[spot], wall[marker], seen.expected
 
 
 def off_its_walls(spots: Detections, test: DeformationTest, station: Station, options: dict[str, Any]) -> str:

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from windmark import detection
+from windmark.deformation.misfit import carried
 from windmark.geometry import Camera, Pose
-from windmark.scene import MarkerSet
-from windmark.tasks.deform.spots import Labelled
+from windmark.scene import Detections, MarkerSet
+from windmark.tasks.deform.spots import LEAST_PX, Labelled
 from windmark.tasks.deform.task import DeformationTest, Image, Sight, Station
 
 Array = NDArray[np.float64]
@@ -24,6 +26,8 @@ SATURATED = 0.2
 """Part of the pixels at the highest level from which a picture counts as saturated."""
 DARKER, PALER, SOFTER = 0.35, 0.5, 0.5
 """Levels, contrast and edges below this part of the last good picture's are told."""
+HALF = 0.5
+"""Of a part's markers: so many spots without a marker may be its own."""
 BLOCK = 16
 """Size of the blocks whose means tell the large-scale contrast of a picture, in pixels."""
 STEP = 3
@@ -177,6 +181,46 @@ def _none_words(image: Image, test: DeformationTest, station: Station) -> str:
     look = test.look
     options: dict[str, Any] = {"radius_px": look.radius_px, "polarity": look.polarity, "merit_max": look.merit_max}
     return detection.why_none(image, photometry=look.photometry, mask=station.mask, **options)
+
+
+def set_otherwise(
+    why: str, test: DeformationTest, seen: Mapping[str, Labelled], spots: Mapping[str, Detections | str]
+) -> str:
+    """A refusal, and what it is likely to come from where it names a law none of whose markers has a spot.
+
+    Spots that no expected marker has may be theirs: the part is then set otherwise than where it was looked for.
+
+    Parameters
+    ----------
+    why : the refusal
+    seen, spots : camera -> spots with a marker, and all of them
+    """
+    labelled = np.unique(np.concatenate([s.marker for s in seen.values()])) if seen else np.zeros(0, np.int64)
+    for part in test.volumes.parts:
+        names = [f"{part.name}.{p.name}" for p in part.law.parameters] if part.law is not None else []
+        own = np.isin(test.markers.volume, carried(test.volumes, part.name)) & (test.markers.role != "wall")
+        told = [name for name in names if name in why]
+        if not told or not own.any() or own[labelled].any():
+            continue
+        free = {n: count for n, s in spots.items() if (count := _without_marker(test, n, s, seen.get(n)))}
+        if max(free.values(), default=0) < HALF * own.sum():
+            continue
+        there = " and ".join(f"{count} in {name}" for name, count in free.items())
+        return (f"{why}; but spots are seen where no marker is expected ({there}): if they are those of {part.name}, "
+                f"it is set otherwise than it was looked for; give {', '.join(told)} a start and a sigma in its "
+                "[[volume]] parameters")  # fmt: skip
+    return why
+
+
+def _without_marker(test: DeformationTest, name: str, every: Detections | str, seen: Labelled | None) -> int:
+    """Spots of an image that are no labelled marker's and at no place of a marker on a wall."""
+    if isinstance(every, str) or not len(every):
+        return 0
+    station, wall = test.station(name), test.markers.role == "wall"
+    pose = station.cam_from_tunnel if seen is None or seen.pose is None else seen.pose
+    xy, imaged = station.camera.project(pose.apply(test.markers.xyz[wall]))
+    taken = np.concatenate([xy[imaged], np.zeros((0, 2)) if seen is None else seen.xy])
+    return int((cKDTree(taken).query(every.xy)[0] > LEAST_PX).sum()) if len(taken) else len(every)
 
 
 def words_of(cameras: Mapping[str, Sight]) -> str:
