@@ -14,7 +14,9 @@ BLUR_COSTS = 2.0
 SHARP_PX = 0.7
 """Blur (1 sigma) of a sharp picture: that of a good lens and a pixel."""
 SATURATED = 0.005
-"""Part of the pixels, or of the nodes with a value, at the highest level of an integer picture."""
+"""Part of the pixels at the highest level of an integer picture."""
+SATURATED_NODES = 0.02
+"""Part of the nodes that a picture shows which have no value for that reason."""
 GROSS = 5.0
 """Residual of a marker over the misfit of the others, 1 sigma per coordinate, from which it is none of theirs: of a
 hundred right ones in a picture one in 3,000 pictures has such a one, and of many pictures the middle one counts."""

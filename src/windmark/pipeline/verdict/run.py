@@ -112,6 +112,8 @@ def _beyond(item: ImageResult) -> float:
 def _image(item: ImageResult, result: RunResult) -> list[Finding]:
     state = _state(item)
     found = [] if state is None else picture_findings(state)
+    if item.saturated_part > rules.SATURATED_NODES and all(f.cause != "saturated" for f in found):
+        found.append(Finding(DOUBTFUL, "saturated", item.saturated, "expose shorter or dim the lamps"))
     found += given_pose(item)
     unit = result.project.length_unit
     found += far_findings([table.of for table in item.points], unit)
