@@ -162,6 +162,8 @@ class RunResult:
     """Images merged with each other, one per point of the test."""
     lost_views: tuple[str, ...] = ()
     """Views that show nothing, with the reason."""
+    unknown_sides: tuple[str, ...] = ()
+    """Zones that are the sides of a part without thickness, of which nothing tells which is which, in words."""
 
     @property
     def left_out(self) -> tuple[str, ...]:
