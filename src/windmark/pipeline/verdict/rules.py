@@ -24,6 +24,9 @@ MISSING = 1 / 3
 """Part of the markers that must be in view, from which missing ones are no accident."""
 FEW = 6
 """Markers from which a wrong one among them can be told from a wrong pose: twelve numbers for six unknowns."""
+LAMP_LIGHTS = 1 / 4
+"""Part of what the cameras show of the model, below which a lamp is on the wrong side of it: it lights half of any
+body, so half of what cameras all round it show, and more of what those on its own side do."""
 FAR_POINTS = 1 / 2
 """Part of a list's points that are not on the surface, from which the list is of another unit or frame."""
 CONFIRM = 3
