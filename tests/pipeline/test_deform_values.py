@@ -150,3 +150,13 @@ def test_blocks_that_touch_or_overlap_have_no_outline_between_them():
     for mesh in (mesh_of(left, right), mesh_of(left, (folded, right[1])), over):
         inside = inside_px(mesh, CAMERA, AHEAD)
         assert inside[int(CAMERA.cy), int(CAMERA.cx) - 2 : int(CAMERA.cx) + 3].min() >= 8
+
+
+def test_saturated_nodes_have_no_value():
+    mesh = mesh_of(sheet(-2, 2, -1, 1, 10, n=41))
+    image = np.full((60, 80), 150, np.uint8)
+    image[:, 40:] = 255
+    values = surface_values(image, mesh, CAMERA, AHEAD, ValuesEntry(edge_px=0.0))
+    x = CAMERA.project(mesh.vertices)[0][:, 0]
+    assert (values[x <= 39] == 150.0).all()
+    assert np.isnan(values[x > 39.01]).all()

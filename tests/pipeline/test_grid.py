@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from windmark import io
-from windmark.pipeline.grid import read_grid
+from windmark.pipeline.grid import oriented, read_grid, sides_words, with_curvature
 from windmark.pipeline.job import begin
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project import make_project
 from windmark.pipeline.project_entries import GridEntry
-from windmark.scene import Mesh
+from windmark.pipeline.results import RunResult
+from windmark.pipeline.verdict.run import run_verdict
+from windmark.scene import MarkerSet, Mesh, structured_triangles
 
 
 def box(turned=()):
@@ -110,3 +112,44 @@ def test_a_surface_for_the_markers_alone_bends_their_discs_as_the_grid_does(virt
         begun(markers=markers | {"surface": grid}, grid={"file": grid})
     with pytest.raises(io.FileError, match=r"markers\.csv"):
         begun(markers=markers | {"surface": folder / "markers.csv"})
+
+
+def half_cylinder(rng=None):
+    """Of radius 4 along y; with a random generator a third of its triangles the other way round."""
+    around, along = np.meshgrid(np.radians(np.arange(0, 181, 5)), np.arange(9.0), indexing="ij")
+    xyz = np.stack([4 * np.cos(around), along, 4 * np.sin(around)], axis=-1).transpose(1, 0, 2).reshape(-1, 3)
+    triangles = structured_triangles(37, 9)
+    if rng is not None:
+        some = rng.random(len(triangles)) < 0.3
+        triangles[some] = triangles[some][:, ::-1]
+    return Mesh.make(xyz, triangles)
+
+
+def test_curvature_does_not_hang_on_how_single_triangles_are_wound():
+    rng = np.random.default_rng(3)
+    markers = MarkerSet.make(["a"], [[0, 4.2, 4.0]], normal=[[0, 0, 1.0]], radius=0.6)
+    good, mixed = (with_curvature(markers, mesh).curvature for mesh in (half_cylinder(), half_cylinder(rng)))
+    assert abs(good[0, 0, 0] - 0.25) < 0.01
+    np.testing.assert_array_equal(mixed, good)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_two_sides_of_a_thin_part_of_which_nothing_tells_which_is_which_are_doubted(tmp_path, told):
+    (tmp_path / "g.grid").write_text("", encoding="utf-8")
+    (tmp_path / "c.json").write_text("{}", encoding="utf-8")
+    (tmp_path / "a.tif").write_text("", encoding="utf-8")
+    one = half_cylinder()
+    other = one.triangles[:, ::-1] if told else one.triangles
+    triangles = np.concatenate([one.triangles, other + len(one.vertices)])
+    names = np.repeat(["upper", "lower"], len(one.triangles))
+    mesh = Mesh.make(np.concatenate([one.vertices] * 2), triangles, names)
+    entry = GridEntry(file=tmp_path / "g.grid")
+    words = sides_words(mesh, oriented(mesh, entry), entry)
+    assert [w[:36] for w in words] == ([] if told else ["upper and lower lie on each other, th"[:36]])
+    assert sides_words(mesh, mesh, GridEntry(file=tmp_path / "g.grid", orientation="file")) == []
+    project = make_project(tmp_path / "p.toml", {
+        "title": "t", "length_unit": "mm", "grid": {"file": "g.grid"}, "camera": [{"file": "c.json", "pose": "known"}],
+        "image": [{"file": "a.tif"}],
+    })  # fmt: skip
+    verdict = run_verdict(RunResult(project, None, None, (), {}, unknown_sides=tuple(words)))
+    assert ("grid" in [f.cause for f in verdict.findings]) == (not told)

@@ -301,6 +301,15 @@ def test_thermocouples_that_contradict_each_other_are_doubted_and_one_left_out_i
     assert psp_verdict([replace(point, remarks=("thermocouples that do not count: T3 (8 K)",))]).word == GOOD
 
 
+def test_thermocouples_that_contradict_recovery_are_doubted_where_no_tap_checks_the_level():
+    said = "thermocouples and recovery contradict each other: the wall is at 305 K by readings (median)"
+    point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)
+    verdict = psp_verdict([point])
+    assert (verdict.word, verdict.cause, verdict.reason) == (DOUBTFUL, "temperature", said)
+    fit = {"scatter_Pa": 90.0, "noise_Pa": 100.0, "rms_Pa": 90.0}
+    assert psp_verdict([replace(point, fit=fit)]).word == GOOD
+
+
 def test_a_calibration_that_is_extrapolated_is_doubted_but_where_taps_say_how_it_holds():
     said = "the paint's calibration is extrapolated: 54 % of the nodes lie outside it"
     point = PointRecord("p1", 0.0, {}, "reduced", remarks=(said,), seen=0.9, median_sigma_cp=0.01, flicker=0.0)

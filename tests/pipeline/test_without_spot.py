@@ -23,13 +23,14 @@ def markers():
     return MarkerSet.make([f"m{i}" for i in range(COUNT)], xyz)
 
 
-def findings(markers, *, off=(0.0, 0.0), cov=SURE, **options):
+def findings(markers, *, off=(0.0, 0.0), cov=SURE, flags=0, **options):
     """What is said where one marker's spot is off by so many pixels, with a covariance of its own."""
     xy = CAMERA.project(POSE.apply(markers.xyz))[0] + np.random.default_rng(2).normal(0, 0.01, (COUNT, 2))
     xy[ODD] += off
     covs = np.tile(SURE, (COUNT, 1, 1))
     covs[ODD] = cov
-    answer = register(spots := Detections.make(xy, cov=covs), markers, CAMERA, **options)
+    flag = np.where(np.arange(COUNT) == ODD, flags, 0)
+    answer = register(spots := Detections.make(xy, cov=covs, flags=flag), markers, CAMERA, **options)
     assert answer, answer.reason
     return answer, registered_findings(Sighting(answer, spots, markers, np.arange(COUNT), "mm"))
 
@@ -42,6 +43,13 @@ def test_a_marker_off_its_table_is_named(markers):
     said = findings(markers, off=(5.0, 0.0))[1]
     assert [f.cause for f in said] == ["marker"]
     assert said[0].reason.startswith(f"m{ODD} is 5")
+
+
+def test_a_marker_whose_spot_is_half_in_a_highlight_is_not_blamed(markers):
+    (said,) = findings(markers, off=(5.0, 0.0), flags=2)[1]
+    assert said.cause == "saturated"
+    assert said.reason.startswith(f"the spot of m{ODD} is saturated in part, and 5")
+    assert "measure" not in said.next_step
 
 
 def test_an_excluded_spot_is_not_judged_nor_is_its_marker(markers):

@@ -5,6 +5,7 @@ import pytest
 
 from windmark import synth
 from windmark.geometry import Pose
+from windmark.resection.facets import bulge
 from windmark.resection.seat import OFF, Seat, seat
 from windmark.scene import Mesh, structured_triangles
 
@@ -119,3 +120,43 @@ def test_points_on_what_stands_on_the_surface_are_not_off_it():
     below = above - [0, 0, 0.1]
     assert seat(plate, below, pod).off.tolist() == [0, 1, 2]
     assert len(seat(plate, below, -pod).off) == len(seat(plate, below).off) == 0
+
+
+def ellipsoid(around, scale=1.0):
+    """Of half axes 300, 90 and 60, so many nodes round it, all on it; and places on it, with normals."""
+    half = np.array([300.0, 90.0, 60.0])
+    lon, lat = np.meshgrid(np.linspace(0, 2 * np.pi, around), np.linspace(0, np.pi, 2 * around))
+    unit = np.stack([np.cos(lat), np.sin(lat) * np.cos(lon), np.sin(lat) * np.sin(lon)], axis=-1).reshape(-1, 3)
+    mesh = Mesh.make(scale * half * unit, structured_triangles(around, 2 * around))
+    on = np.random.default_rng(5).normal(size=(70, 3))
+    on /= np.linalg.norm(on, axis=1, keepdims=True)
+    normal = on / half
+    return mesh, half * on, normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("around", [19, 25, 31, 45])
+def test_markers_on_a_curved_surface_are_not_beside_its_coarse_facets(around):
+    mesh, xyz, normal = ellipsoid(around)
+    found = seat(mesh, xyz, normal)
+    assert (found.moved, found.axes, len(found.off)) == (None, None, 0)
+
+
+def test_a_coarse_grid_of_another_size_is_still_named():
+    mesh, xyz, normal = ellipsoid(31, 0.98)
+    found = seat(mesh, xyz, normal)
+    assert found.moved is not None
+    assert found.moved.scale == pytest.approx(1.02, abs=0.006)
+
+
+def test_the_facets_of_a_circle_lie_below_it_by_its_sagitta():
+    turn, y = np.meshgrid(np.radians(np.arange(0, 361, 15.0)), [0.0, 1.0])
+    tube = Mesh.make(np.stack([np.cos(turn), y, np.sin(turn)], axis=-1).reshape(-1, 3), structured_triangles(25, 2))
+    edge = np.full((len(tube.triangles), 2), [0.5, 0.0])  # the middle between the first and the second corner
+    above = bulge(tube, np.arange(len(tube.triangles)), edge)
+    chord = np.abs(tube.vertices[tube.triangles[:, 0]] - tube.vertices[tube.triangles[:, 1]])[:, 0] > 1e-9
+    middle = tube.vertices[tube.triangles].mean(axis=1) * [1, 0, 1]
+    outward = np.sign(np.einsum("tk,tk->t", tube.triangle_normals(), middle))
+    np.testing.assert_allclose((outward * above)[chord], 1 - np.cos(np.radians(7.5)), rtol=0.01)
+    box = Mesh.make(np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float),
+                    np.array([[0, 2, 3], [0, 3, 1], [0, 1, 5], [0, 5, 4]]))  # fmt: skip
+    assert (bulge(box, np.arange(4), np.full((4, 2), 1 / 3)) == 0).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from windmark.scene.levels import clipped_level, unused_bits
+from windmark.scene.levels import clipped_level, full_scale, saturated_as_missing, saturation_level, unused_bits
 
 
 def picture(top, sigma=30.0):
@@ -49,3 +49,29 @@ def test_few_levels_and_no_whole_numbers_tell_little_of_their_bits():
 def test_twenty_levels_are_enough_to_tell_unused_bits(count, least):
     levels = 16 * (1 + np.arange(count, dtype=np.uint16))
     assert unused_bits(levels.repeat(50).reshape(count, 50)) == (least, 4)
+
+
+@pytest.mark.parametrize(("top", "kind", "level"), [
+    (255, np.uint8, 255), (254, np.uint8, 255), (4095, np.uint16, 4095), (4095 << 4, np.uint16, 4095 << 4),
+    (4000, np.uint16, 65535), (1.0, float, np.inf),
+])  # fmt: skip
+def test_full_scale_is_that_of_the_type_or_of_the_bits_that_a_picture_ends_at(top, kind, level):
+    assert full_scale(np.array([[0, 7], [12, top]], kind)) == level
+
+
+def test_pixels_at_the_highest_level_have_no_value():
+    """A lone one of the type's full scale, too; clipping below that by what piles up."""
+    image = np.full((30, 30), 90, np.uint8)
+    image[3, 4] = 255
+    light, level = saturated_as_missing(image)
+    assert (light.dtype, level, np.flatnonzero(np.isnan(light)).tolist()) == (np.float32, 255, [94])
+    clipped = picture(240)
+    assert saturation_level(clipped) == 240
+    light, level = saturated_as_missing(clipped * 2.0 - 5.0, clipped)
+    assert level == 240
+    np.testing.assert_array_equal(np.isnan(light), clipped >= 240)
+
+
+def test_a_picture_below_its_highest_level_is_handed_on_as_it_is():
+    image = picture(10_000)
+    assert saturated_as_missing(image) == (image, np.inf)

@@ -8,6 +8,7 @@ from windmark.scene import Mesh, structured_triangles
 from windmark.tasks.psp.plausible import (
     LACKING,
     UNCHECKED,
+    beside_recovery,
     beyond_calibration,
     beyond_stream,
     lacking,
@@ -151,3 +152,20 @@ def test_nodes_that_cameras_show_and_that_come_to_no_pressure_are_said():
     (some,), (many,) = of(8), of(30)
     assert some.startswith("8 % of the nodes with a ratio have no pressure: nothing says the wall's temperature there")
     assert many.startswith(LACKING)
+
+
+def test_thermocouples_that_are_not_of_this_stream_are_said():
+    stream = TunnelConditions(66_026.0, 29_580.0, mach=0.8, t_0=302.3)  # recovery: 298.7 K
+
+    def said(kelvin, recovery=0.896, spread=1.0, of=stream):
+        return beside_recovery(NodeField.make(np.full(9, kelvin), unit="K"), of, recovery, spread)
+
+    assert said(299.5) == said(295.0) == []
+    (hot,) = said(304.9)
+    assert hot.startswith("thermocouples and recovery contradict each other: the wall is at 304.9 K by readings")
+    assert hot.endswith("of its sigmas apart, and hotter than the stream's T0 of 302.3 K")
+    (cold,) = said(292.0)
+    assert "hotter" not in cold
+    assert said(304.9, spread=3.0) == []  # as the user says of a wall that is slow to follow the stream
+    assert said(304.9, recovery=None) == []
+    assert said(304.9, of=TunnelConditions(66_026.0, 29_580.0, mach=0.8)) == []

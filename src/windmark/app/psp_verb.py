@@ -22,6 +22,7 @@ from windmark.pipeline.psp import FAILED, PointRecord, PspTest, grouped, load_ps
 from windmark.pipeline.verdict import Finding
 from windmark.pipeline.verdict.cell import calibration_findings
 from windmark.pipeline.verdict.grid import grid_findings
+from windmark.pipeline.verdict.lamps import lamps_findings
 from windmark.pipeline.verdict.lengths import psp_lengths
 from windmark.pipeline.verdict.paint import (
     black_findings,
@@ -62,7 +63,10 @@ def psp(
         markers = test.deforming.test.markers
         unit = test.project.length_unit
         sections = [s.name for s in test.project.section]
-        verdict = psp_verdict(records, grid_findings(markers, test.mesh, unit), unit, sections, _further(test, records))
+        views = [(s.camera, s.cam_from_tunnel) for s in test.deforming.test.stations]
+        lamps = [lamp.position for lamp in test.lamps]
+        places = [*grid_findings(markers, test.mesh, unit), *lamps_findings(test.mesh, lamps, views, unit)]
+        verdict = psp_verdict(records, places, unit, sections, _further(test, records))
         page = psp_page(test, records, out.place)
         put_verdict(page, verdict)
         page.provenance(Provenance.of_project(test.project, out.sources()))

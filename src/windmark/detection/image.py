@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 from windmark.options.detection import POLARITY
+from windmark.scene.levels import full_scale
 
 POLARITIES = POLARITY.choices
 SAMPLE = 20_000  # pixels that say what an image's levels and noise are, to about 1 %
@@ -107,7 +108,7 @@ def prepare(image: NDArray[np.generic], sign: float, mask: ArrayLike | None = No
         if not high > low:
             return None
         quantum = quantum or (high - low) * 2.0**-16
-    return Prepared(g, missing, sign, quantum, _clip_level(image) - levels.offset)
+    return Prepared(g, missing, sign, quantum, full_scale(image) - levels.offset)
 
 
 def usable_sample(image: NDArray[np.generic], use: NDArray[np.bool_] | None) -> NDArray[np.float64]:
@@ -187,17 +188,3 @@ def _step(sample: NDArray[np.float64]) -> float:
         step = int(np.gcd.reduce((sample - sample[0]).astype(np.int64)))
         return float(step) if step > 0 else 1.0
     return 0.0
-
-
-def _clip_level(image: NDArray[np.generic]) -> float:
-    """Largest grey level of the sensor: of the type, or of 10, 12, 14 bits in a 16-bit file if the image ends there."""
-    if image.dtype.kind == "f":
-        return np.inf
-    top = float(np.iinfo(image.dtype.name).max)
-    if image.dtype.itemsize == 2:
-        high = float(image.max())
-        for bits in (10, 12, 14):
-            for shift in (0, 16 - bits):
-                if high == float(((1 << bits) - 1) << shift):
-                    return high
-    return top

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import DataError, UsageError, g3
 from windmark.geometry.described import described
-from windmark.scene.levels import clipped_level
+from windmark.scene.levels import saturation_level
 from windmark.scene.shown import ARRAY, check_kinds
 
 Array = NDArray[np.float64]
@@ -214,9 +214,9 @@ def correct_picture(picture: ArrayLike, sensor: SensorModel, *, most_saturated: 
 
 
 def saturated_pixels(picture: ArrayLike, saturation: float) -> NDArray[np.bool_]:
-    """(H, W) pixels of a picture as read that are saturated, or at a level where it is clipped below that."""
+    """(H, W) pixels of a picture as read that are saturated, or at a level where it is clipped below that; or full."""
     raw = np.asarray(picture)
-    return np.asarray(raw >= min(saturation, clipped_level(raw)))
+    return np.asarray(raw >= min(saturation, saturation_level(raw)))
 
 
 def _size(shape: tuple[int, ...]) -> str:

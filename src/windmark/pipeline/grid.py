@@ -52,6 +52,20 @@ def oriented(mesh: Mesh, entry: GridEntry, cameras: Sequence[tuple[Camera, Pose]
     return mesh if entry.orientation == "file" else resection.orient_outward(mesh, cameras=cameras)
 
 
+def sides_words(mesh: Mesh, turned: Mesh, entry: GridEntry) -> list[str]:
+    """What is to be said of parts without thickness of which nothing tells which zone is which side.
+
+    ``mesh`` is as the file has it, ``turned`` as `oriented` made it.
+    """
+    if entry.orientation == "file":
+        return []
+    return [
+        f"{a} and {b} lie on each other, the two sides of a part without thickness, and nothing tells which of them is "
+        "which side: their windings are alike, or those of other zones differ; the values of either may be the other's"
+        for a, b in resection.sides_in_doubt(mesh, turned)
+    ]
+
+
 def with_curvature(markers: MarkerSet, mesh: Mesh | None, reach: float | None = None) -> MarkerSet:
     """The markers with the curvature of the surface that they lie on: their discs' images are not centred on them.
 
@@ -59,6 +73,8 @@ def with_curvature(markers: MarkerSet, mesh: Mesh | None, reach: float | None = 
     """
     if mesh is None:
         return markers
+    if resection.wound_both_ways(mesh):  # nodes on the other side of a thin part are told by their normals
+        mesh = resection.orient_outward(mesh)
     form = surface_curvature(mesh.vertices, mesh.triangles, markers.xyz, markers.normal, markers.radius, reach=reach)
     return replace(markers, curvature=form)
 

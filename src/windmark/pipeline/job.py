@@ -14,7 +14,7 @@ from windmark import io
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress, counting, silent
 from windmark.pipeline.framing import frame_views
-from windmark.pipeline.grid import curved_by, oriented, read_surface, with_curvature
+from windmark.pipeline.grid import curved_by, oriented, read_surface, sides_words, with_curvature
 from windmark.pipeline.instants import locate_together, read_rig
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.locate import Inputs, locate
@@ -100,9 +100,12 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     threads = min(len(project.image), workers or os.cpu_count() or 1)
     images = _located(inputs, progress, threads)
     points: tuple[PointSet, ...] = ()
+    sides: tuple[str, ...] = ()
     if inputs.mesh is not None and project.grid is not None:
         with clock("turn the grid to the air"):
-            inputs = replace(inputs, mesh=oriented(inputs.mesh, project.grid, _some_poses(project, images)))
+            turned = oriented(inputs.mesh, project.grid, _some_poses(project, images))
+            sides = tuple(sides_words(inputs.mesh, turned, project.grid))
+            inputs = replace(inputs, mesh=turned)
         assert inputs.mesh is not None
         points = load_points(project, start.lists, inputs.mesh)
     lost: tuple[str, ...] = ()
@@ -114,7 +117,7 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
     images, merged = _mapped(images, inputs, shown, pixels, points, threads, clock, progress, start.walls)
     notes += tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged,
-                     lost)  # fmt: skip
+                     lost, sides)  # fmt: skip
 
 
 def _curved(inputs: Inputs, lengths: Lengths) -> tuple[Inputs, tuple[tuple[Path, str], ...]]:

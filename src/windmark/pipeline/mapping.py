@@ -22,6 +22,7 @@ from windmark.pipeline.results import FramedView, ImageResult, SectionValues, Vi
 from windmark.resection import NodeView, PixelMap
 from windmark.resection.sources import prepare, value_variance
 from windmark.scene import Mesh
+from windmark.scene.levels import saturation_level
 
 Array = NDArray[np.float64]
 S = TypeVar("S")
@@ -63,7 +64,7 @@ def map_image(
     options, pose = project.resect, result.cam_from_model
     if pose is None or result.image is None:
         return result
-    image = result.quantity.of(result.image)
+    image = result.light
     clock = Clock(progress, result.name)
     try:
         with clock("visibility"):
@@ -91,11 +92,29 @@ def map_image(
             tables = image_points(points, source, mesh, max_obliquity_deg=options.max_obliquity_deg)
         result = replace(result, nodes=nodes, values=values, sigma=sigma, views=views, sections=sections, points=tables,
                          left_out=tuple(lost))  # fmt: skip
+        result = _without_saturated(result, project)
         if project.output.pixels:
             result = replace(result, pixels=seen)
     except WindmarkError as error:
         result = replace(result, problem=str(error))
     return replace(result, seconds={**result.seconds, **clock.seconds})
+
+
+def _without_saturated(result: ImageResult, project: Project) -> ImageResult:
+    """An image with what is said of its nodes that have no value because their pixels are saturated."""
+    assert result.image is not None
+    assert result.nodes is not None
+    assert result.values is not None
+    level = saturation_level(result.image)
+    if not (result.image >= level).any():  # type: ignore[operator]
+        return result
+    stored = resection.node_values(result.image, result.nodes, interpolation=project.resect.interpolation)
+    shown = int(np.isfinite(stored).sum())
+    gone = int((np.isfinite(stored) & ~np.isfinite(result.values)).sum())
+    if not gone:
+        return result
+    said = f"{gone} of {shown} nodes that it shows have no value: their pixels are saturated, at {level:g} and above"
+    return replace(result, saturated=said, saturated_part=gone / shown)
 
 
 def _each(items: Iterable[S], make: Callable[[S], T], lost: list[str]) -> tuple[T, ...]:
@@ -178,7 +197,7 @@ def _aligned(item: ImageResult, pixels: PixelMap, options: ResectOptions) -> Ima
     if item.cam_from_model is None or item.image is None:
         return item
     values, _ = resection.virtual_image(
-        item.quantity.of(item.image), pixels, item.camera, item.cam_from_model, interpolation=options.interpolation
+        item.light, pixels, item.camera, item.cam_from_model, interpolation=options.interpolation
     )
     return replace(item, aligned=values)
 

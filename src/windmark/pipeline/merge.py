@@ -64,7 +64,10 @@ def picture_of(item: ImageResult, noise: resection.NoiseLaw | None = None) -> Pi
     assert item.image is not None
     assert item.cam_from_model is not None
     cov = item.pose_cov if item.registered is None else item.registered.cov
-    return Picture(item.name, item.quantity.of(item.image), item.camera, item.cam_from_model, noise, cov)
+    whole, light = item.quantity.of(item.image), item.light
+    if noise is None and light is not whole:
+        noise = resection.noise_law(whole)  # of the levels as the camera stored them, with the noise of rounding
+    return Picture(item.name, light, item.camera, item.cam_from_model, noise, cov)
 
 
 def merge_images(

@@ -63,7 +63,7 @@ def _write_image(item: ImageResult, result: RunResult, place: Path) -> None:
     if item.pixels is not None and item.image is not None:
         name = item.quantity.column
         io.write_pixels(
-            place / "pixels.nc", item.quantity.of(item.image), item.pixels.xyz(),
+            place / "pixels.nc", item.light, item.pixels.xyz(),
             item.pixels.triangle_values(item.pixels.mesh.volume),
             {"obliquity_deg": item.pixels.obliquity_deg().astype(np.float32)}, length_unit=unit, name=name,
             units={name: item.quantity.unit_words, "obliquity_deg": "deg"}, history=_history(item, result),
@@ -203,6 +203,8 @@ def image_summary(item: ImageResult, result: RunResult) -> Record:
         record["spots"], record["polarity"] = len(item.detections), item.polarity
     if item.filled:
         record["filled"] = item.filled
+    if item.saturated:
+        record["saturated"] = item.saturated
     if item.said:
         record["polarity_decided"] = item.said
     answer = item.registered

@@ -18,6 +18,7 @@ from windmark.pipeline.quantity import Quantity
 from windmark.registration import NotRegistered, Registration, RigRegistration
 from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
+from windmark.scene.levels import saturated_as_missing
 from windmark.tasks.together import Together
 
 if TYPE_CHECKING:
@@ -95,6 +96,8 @@ class ImageResult:
     ``said`` what was decided about it. ``instant`` has the cameras of a rig with which it was registered.
     ``image`` is as in the file, but for fill values, which are NaN and which ``filled`` names; values, their 1
     ``sigma``, views, sections and ``aligned`` are in ``quantity``.
+    ``saturated`` says how many nodes have no value because their pixels are at the highest level, ``saturated_part``
+    which part of those that it shows.
     ``at_pose`` is what it shows of the markers at a pose that was known.
     ``problem`` says in words why it went no further; None when all is well. ``left_out``: views and sections that are
     missing, with the reason.
@@ -127,11 +130,19 @@ class ImageResult:
     problem: str | None = None
     left_out: tuple[str, ...] = ()
     filled: str = ""
+    saturated: str = ""
+    saturated_part: float = 0.0
 
     @property
     def registered(self) -> Registration | None:
         """The registration when there is one."""
         return self.registration if isinstance(self.registration, Registration) else None
+
+    @property
+    def light(self) -> NDArray[np.generic]:
+        """(H, W) the image in its quantity, as values are taken of it: NaN where it is saturated."""
+        assert self.image is not None
+        return saturated_as_missing(self.quantity.of(self.image), self.image)[0]
 
 
 @dataclass(frozen=True)
@@ -151,6 +162,8 @@ class RunResult:
     """Images merged with each other, one per point of the test."""
     lost_views: tuple[str, ...] = ()
     """Views that show nothing, with the reason."""
+    unknown_sides: tuple[str, ...] = ()
+    """Zones that are the sides of a part without thickness, of which nothing tells which is which, in words."""
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from windmark.resection.merged_views import MergedValues, MergedViews, NotMerged
 from windmark.resection.merging import merge_views
 from windmark.resection.nearest import SurfacePoints, nearest_on_surface
 from windmark.resection.noise import NoiseLaw, noise_law
-from windmark.resection.orientation import orient_outward
+from windmark.resection.orientation import orient_outward, sides_in_doubt, wound_both_ways
 from windmark.resection.outlines import inside_px, outline_distance
 from windmark.resection.pixelmap import PixelMap, map_pixels
 from windmark.resection.point_values import (
@@ -43,6 +43,6 @@ __all__ = [
     "PlaneBend", "PointValues", "Seams", "Section", "SurfaceLine", "SurfacePoints", "footprint_values", "footprints",
     "inside_px", "interpolate_image", "map_pixels", "merge_views", "nearest_on_surface", "node_values", "noise_law",
     "orient_outward", "outline_distance", "plane_bend", "point_reasons", "point_values", "reason_words", "sample",
-    "sample_line", "sample_points", "section", "see_nodes", "see_pixels", "see_points", "see_surface", "silhouette",
-    "surface_line", "virtual_image", "warp_image",
+    "sample_line", "sample_points", "section", "see_nodes", "see_pixels", "see_points", "see_surface",
+    "sides_in_doubt", "silhouette", "surface_line", "virtual_image", "warp_image", "wound_both_ways",
 ]  # fmt: skip

@@ -21,6 +21,8 @@ Floats3 = tuple[float, float, float]
 # Rays this close to an edge (relative to the size of the products that are subtracted) count as
 # on it, so that no ray slips through a vertex or a seam by rounding.
 _SLACK = 4e-15
+# Depths this near to each other (relative) are one place.
+_TIE = 1e-12
 
 
 @nb.njit(cache=True, nogil=True)
@@ -106,6 +108,7 @@ def first_hits(cam: Array, triangles: Ints, rays: Array, order: NDArray[np.int64
             continue
         ea = _cross(b, c)
         det = a[0] * ea[0] + a[1] * ea[1] + a[2] * ea[2]
+        faces = det < 0.0
         if not (det > 0.0 or det < 0.0) or (cull and det > 0.0):
             continue
         eb, ec = _cross(c, a), _cross(a, b)
@@ -126,7 +129,15 @@ def first_hits(cam: Array, triangles: Ints, rays: Array, order: NDArray[np.int64
                     continue
                 wb, wc = _inside(wa, wb, wc)
                 z = a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2])
-                if 0.0 < z < depth[n]:
+                nearer = z < depth[n]
+                if abs(z - depth[n]) <= _TIE * z:
+                    # Of two at one place, the sides of a part without thickness, the one that faces the camera is met.
+                    o = triangle[order[n]]
+                    p, q, r = triangles[o, 0], triangles[o, 1], triangles[o, 2]
+                    e = _cross((cam[q, 0], cam[q, 1], cam[q, 2]), (cam[r, 0], cam[r, 1], cam[r, 2]))
+                    if faces != (cam[p, 0] * e[0] + cam[p, 1] * e[1] + cam[p, 2] * e[2] < 0.0):
+                        nearer = faces
+                if z > 0.0 and nearer:
                     depth[n] = z
                     triangle[order[n]] = t
                     weights[order[n], 0] = wb

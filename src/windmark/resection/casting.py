@@ -67,7 +67,8 @@ def cast(
     -----
     Surfaces in front of the camera count (z > 0), whatever their orientation; a triangle through the
     camera plane counts with its front part. Triangles without area and triangles seen exactly edge-on
-    are met by no ray. Of triangles at exactly the same depth the first one is taken.
+    are met by no ray. Of triangles at exactly the same depth the first one that faces the camera is taken, or else the
+    first one.
     """
     hits = Hits.none(len(rays)) if into is None else into
     triangles = for_kernels(triangles)

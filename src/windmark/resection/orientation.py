@@ -13,6 +13,7 @@ from windmark.geometry import Camera, Pose
 from windmark.geometry.rays import pixel_rays
 from windmark.resection.casting import cast, single_pose, to_camera_frame
 from windmark.resection.chains import weld
+from windmark.resection.two_sided import Edges, Twins, agreed, neighbours, twins, unknown_sides
 from windmark.resection.visibility import checked_tolerance
 from windmark.scene import Mesh
 
@@ -69,9 +70,12 @@ def orient_outward(
     Returns
     -------
     Mesh with the same nodes, blocks and order of triangles; some triangles have their second and third
-    node exchanged. Sheets with only one side (a Moebius strip) are left as they are. Edges in which more than two
-    triangles meet do not connect. Of a body with one closed shell inside it the outer one is taken for a wall
-    unless a camera sees it from outside; a shell that is not the outermost is turned outward by itself.
+    node exchanged. Sheets with only one side (a Moebius strip) are left as they are. At edges in which more than two
+    triangles meet those connect that alone have its nodes in the file, or are alone of one zone. Two sheets that lie on
+    each other, the sides of a part without thickness, are turned away from each other; which of them is which side is
+    what the file's windings say where these oppose each other (see `sides_in_doubt`). Of a body with one closed shell
+    inside it the outer one is taken for a wall unless a camera sees it from outside; a shell that is not the outermost
+    is turned outward by itself.
 
     Notes
     -----
@@ -95,17 +99,41 @@ def orient_outward(
     if toward is not None and (toward.shape != (3,) or not np.isfinite(toward).all()):
         raise UsageError(f"orient_outward: outside must be three finite numbers, got {outside!r}")
     number = _welded(mesh, checked_tolerance(tolerance, mesh, "orient_outward"))
-    sheet, turned = _consistent(number)
-    inward = _inward(mesh, sheet, turned, toward)
+    edges = Edges.of(number, mesh.triangles)
+    pairs = twins(mesh, number, edges)
+    thin = pairs.mask(len(number))
+    sheet, turned = _consistent(edges, mesh.parts, pairs, len(number))
+    inward, flat = _inward(mesh, sheet, turned, toward, thin)
     wall = _surrounding(mesh, number, sheet, turned)
     if wall is not None:
         inward[wall[0]] = wall[1]
-    seen = _seen_side(mesh, sheet, turned, cameras)
+    seen = _seen_side(mesh, sheet, turned, cameras, thin)
     inward = np.where(seen != 0, seen < 0, inward)
     flip = turned ^ inward[sheet]
+    if thin.any():
+        flip ^= _as_file(mesh, sheet, thin, flip, (seen != 0) | ~flat)
     triangles = mesh.triangles.copy()
     triangles[flip, 1], triangles[flip, 2] = mesh.triangles[flip, 2], mesh.triangles[flip, 1]
     return replace(mesh, triangles=triangles)
+
+
+def wound_both_ways(mesh: Mesh) -> bool:
+    """Whether some triangles run through their common edge in one direction: one of them is the other way round."""
+    tail, head = mesh.triangles.ravel().astype(np.int64), np.roll(mesh.triangles, -1, axis=1).ravel()
+    way = (tail * len(mesh.vertices) + head)[tail != head]
+    way.sort()
+    return bool((np.diff(way) == 0).any())
+
+
+def sides_in_doubt(mesh: Mesh, turned: Mesh) -> tuple[tuple[str, str], ...]:
+    """Pairs of volumes that are the two sides of a part without thickness, where nothing tells which is which side.
+
+    ``mesh`` is as the file has it, ``turned`` what `orient_outward` made of it. The file tells it where it winds both
+    sides against each other and all other parts to the air, or none.
+    """
+    if not len(mesh.triangles):
+        return ()
+    return unknown_sides(mesh, turned, _welded(mesh, checked_tolerance(None, mesh, "sides_in_doubt")))
 
 
 def _welded(mesh: Mesh, tolerance: float) -> Ints:
@@ -116,23 +144,26 @@ def _welded(mesh: Mesh, tolerance: float) -> Ints:
     return np.asarray(place[mesh.triangles])
 
 
-def _seen_side(mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], cameras: Sequence[tuple[Camera, Pose]]) -> Array:
+def _seen_side(mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], cameras: Sequence[tuple[Camera, Pose]],
+               thin: NDArray[np.bool_]) -> Array:  # fmt: skip
     """Per sheet: rays of all cameras that meet its front (once its triangles agree) minus those that meet its back; 0
-    where they are a sliver of what they would meet if nothing hid it.
+    where they are a sliver of what they would meet if nothing hid it. Of the two sides of a ``thin`` part (T,) a ray
+    meets either, and tells nothing.
     """
     votes, total = np.zeros(int(sheet.max()) + 1), 0
     views = [(single_pose(pose, "orient_outward"), _sample_rays(camera)) for camera, pose in cameras]
     for pose, rays in views:
         corners = to_camera_frame(pose, mesh.vertices)
         hit = cast(corners, mesh.triangles, rays).triangle
-        met, (u, v) = hit[hit >= 0], rays[hit >= 0].T
+        tells = (hit >= 0) & ~thin[hit]
+        met, (u, v) = hit[tells], rays[tells].T
         a, b, c = (corners[mesh.triangles[met, k]] for k in range(3))
         normal = np.cross(b - a, c - a)
         front = -np.sign(normal[:, 0] * u + normal[:, 1] * v + normal[:, 2])
         votes += np.bincount(sheet[met], weights=np.where(turned[met], -front, front), minlength=len(votes))
         total += len(rays)
     few = (votes != 0) & (np.abs(votes) < _SLIVER * total)
-    some = np.flatnonzero(few[sheet])  # no sheet would be met by more rays than there are
+    some = np.flatnonzero(few[sheet] & ~thin)  # no sheet would be met by more rays than there are
     would = np.zeros(len(votes))
     for pose, rays in views if len(some) else ():
         facing, alone = _unhidden(to_camera_frame(pose, mesh.vertices[mesh.triangles[some]].reshape(-1, 3)), rays)
@@ -207,18 +238,20 @@ def solid_angles(corners: Array) -> Array:
     return np.asarray(2 * np.arctan2(volume, dots))
 
 
-def _consistent(corners: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-    """Sheet number (T,) of each triangle, and whether it must be turned to agree with its sheet.
+def _consistent(edges: Edges, part: Ints, thin: Twins, count: int) -> tuple[Ints, NDArray[np.bool_]]:
+    """Sheet number (T,) of each of ``count`` triangles, and whether it must be turned to agree with its sheet.
 
     Each triangle is two nodes of a graph, as it is and turned; neighbours connect the copies that
-    agree. A sheet then shows up as two mirrored components; a one-sided sheet as a single one.
+    agree, and the two sides of a thin part those that are turned away from each other. A sheet then shows up as two
+    mirrored components; a one-sided sheet as a single one.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    count = len(corners)
-    first, second, opposed = _neighbours(corners)
-    # Triangles that run through their common edge in opposite directions agree as they are.
+    a, b = neighbours(edges, part, thin.overlap)
+    first, second = np.append(edges.owner[a], thin.first), np.append(edges.owner[b], thin.second)
+    # Triangles that run through their common edge in opposite directions agree as they are; so do the sides of a part.
+    opposed = np.append(edges.forward[a] != edges.forward[b], ~thin.alike)
     other = np.where(opposed, second, second + count)
     mirror = np.where(opposed, second + count, second)
     rows, columns = np.concatenate([first, first + count]), np.concatenate([other, mirror])
@@ -229,23 +262,22 @@ def _consistent(corners: Ints) -> tuple[Ints, NDArray[np.bool_]]:
     return sheet, as_is > flipped
 
 
-def _neighbours(corners: Ints) -> tuple[Ints, Ints, NDArray[np.bool_]]:
-    """Pairs of triangles that alone share an edge, and whether they run through it in opposite directions."""
-    tail, head = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-    owner = np.repeat(np.arange(len(corners)), 3)
-    real = np.flatnonzero(tail != head)
-    tail, head, owner = tail[real], head[real], owner[real]
-    forward = tail < head
-    low, high = np.where(forward, tail, head), np.where(forward, head, tail)
-    order = np.lexsort((high, low))
-    low, high, owner, forward = low[order], high[order], owner[order], forward[order]
-    begins = np.flatnonzero(np.append(True, (np.diff(low) != 0) | (np.diff(high) != 0)))
-    pair = begins[np.diff(np.append(begins, len(low))) == 2]
-    return owner[pair], owner[pair + 1], forward[pair] != forward[pair + 1]
+def _as_file(mesh: Mesh, sheet: Ints, thin: NDArray[np.bool_], flip: NDArray[np.bool_], known: NDArray[np.bool_]
+             ) -> NDArray[np.bool_]:  # fmt: skip
+    """Triangles (T,) of thin sheets of which only the file's windings say which side they are: to be turned over where
+    it winds all others inward. ``flip``: what is turned so far; ``known``: (S,) sheets that something else decided.
+    """
+    area = np.linalg.norm(mesh.triangle_normals(), axis=1)
+    most = np.bincount(sheet, weights=np.where(thin, area, 0.0)) > 0.5 * np.bincount(sheet, weights=area)
+    return (most & ~known)[sheet] if agreed(mesh, most[sheet], flip) else np.zeros(len(sheet), bool)
 
 
-def _inward(mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], outside: Array | None) -> NDArray[np.bool_]:
-    """Per sheet: whether it is inside out once its triangles agree."""
+def _inward(mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], outside: Array | None, thin: NDArray[np.bool_]
+            ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
+    """Per sheet: whether it is inside out once its triangles agree, and whether it encloses nothing.
+
+    Between the two sides of a ``thin`` part (T,) there is nothing, whatever their cells' diagonals.
+    """
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
     sign = np.where(turned, -1.0, 1.0)
     normal = 0.5 * np.cross(b - a, c - a)
@@ -255,14 +287,16 @@ def _inward(mesh: Mesh, sheet: Ints, turned: NDArray[np.bool_], outside: Array |
     def total(values: Array) -> Array:
         return np.bincount(sheet, weights=values).astype(float)
 
-    size = total(area)
+    size = total(np.where(thin, 0.0, area))
     safe = np.where(size > 0, size, 1.0)
-    center = np.stack([total(area * middle[:, k]) for k in range(3)], axis=1) / safe[:, None]
-    volume = total(sign * np.einsum("tk,tk->t", normal, middle - center[sheet])) / 3
+    solid = np.where(thin, 0.0, area)
+    center = np.stack([total(solid * middle[:, k]) for k in range(3)], axis=1) / safe[:, None]
+    lever = np.einsum("tk,tk->t", normal, middle - center[sheet])
+    volume = total(np.where(thin, 0.0, sign * lever)) / 3
     flat = np.abs(volume) <= _FLAT * size**1.5
     # What encloses nothing follows the point in the air, or else the majority of its own area.
     plain = total(sign * area)
     if outside is not None:
-        facing = total(sign * np.einsum("tk,tk->t", normal, outside - middle))
+        facing = total(np.where(thin, 0.0, sign * np.einsum("tk,tk->t", normal, outside - middle)))
         plain = np.where(facing != 0, facing, plain)
-    return np.where(flat, plain < 0, volume < 0)
+    return np.where(flat, plain < 0, volume < 0), flat

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 from windmark.geometry import Pose, Similarity
+from windmark.resection.facets import bulge
 from windmark.resection.nearest import Search, nearest_weights
 from windmark.scene import Mesh
 
@@ -49,7 +50,8 @@ class Seat:
 
     Parameters
     ----------
-    distance : (N,) of each point from the surface; of some of them where there are very many
+    distance : (N,) of each point from the surface; of some of them where there are very many. Where that asks for a
+        reason, from what is between its facets and the curved surface that they stand for
     size : of the surface, `Mesh.size`
     moved : brings the surface to the points; None where no motion explains their distances better than scatter
     lead : nats by which it does
@@ -116,14 +118,39 @@ def seat(mesh: Mesh, xyz: ArrayLike, normal: ArrayLike | None = None) -> Seat:
     distance, place, towards = _onto(search, points, FAR * size)
     off = np.flatnonzero(_is_off(points - place, towards, facing, size))
     found, close = Seat(distance, size, off=every * off, by=distance[off]), distance < NEAR * size
-    near = points[close]
+    near, tried = points[close], []
     if len(near) >= LEAST and np.sqrt((distance[close] ** 2).mean()) > 2 * ROUNDING * size:
         tried = [_brought(search, near, size, numbers) for numbers in (6, 7)]
         tried = [one for one in tried if one.lead > 0 and one.left < 0.5 * OFF * size]
+    if tried or len(off) or found.most > OFF * size:
+        beyond = _beyond_facets(mesh, search, points, distance)
         if tried:
             best = max(tried, key=lambda t: t.lead)
-            return replace(best, distance=distance, off=found.off, by=found.by)
+            before, after = (max(float(np.sqrt((d[close] ** 2).mean())), ROUNDING * size) for d in (distance, beyond))
+            if best.lead > len(near) * np.log(before / after):
+                return replace(best, distance=distance, off=found.off, by=found.by)
+        still = off[beyond[off] > OFF * size]
+        found = Seat(beyond, size, off=every * still, by=beyond[still])
     return replace(found, axes=_exchanged(search, points, size)) if found.most > OFF * size else found
+
+
+def _beyond_facets(mesh: Mesh, search: Search, points: Array, distance: Array) -> Array:
+    """(N,) distance from what lies between the facets and the curved surface that they stand for: what is on that one
+    is above them, the more the coarser the grid is.
+    """
+    asked = np.flatnonzero(distance < FAR * mesh.size)
+    found = [search.nearest(p, np.full(3, np.nan), "", FAR * mesh.size) for p in points[asked]]
+    there = np.array([k for k, one in zip(asked, found, strict=True) if one is not None], np.int64)
+    at = [one for one in found if one is not None]
+    out = distance.copy()
+    if not at:
+        return out
+    triangle, weights, foot = np.array([o[0] for o in at]), np.array([o[1] for o in at]), np.array([o[2] for o in at])
+    height = np.einsum("nk,nk->n", points[there] - foot, search.normal[triangle])
+    above = bulge(mesh, triangle, weights)
+    within = np.where(height * above > 0, np.minimum(np.abs(height), np.abs(above)), 0.0)
+    out[there] = np.maximum(distance[there] - within, 0.0)
+    return out
 
 
 def _is_off(way: Array, towards: Array, facing: Array, size: float) -> NDArray[np.bool_]:

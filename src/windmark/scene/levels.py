@@ -30,6 +30,48 @@ def clipped_level(picture: NDArray[np.generic]) -> float:
     return float(top) if count > STEP * below else float("inf")
 
 
+def full_scale(picture: NDArray[np.generic]) -> float:
+    """Largest level that a picture's numbers hold: of their type, or of 10, 12, 14 bits where a picture of 16 ends
+    there; inf for floats.
+    """
+    if picture.dtype.kind not in "ui" or not picture.size:
+        return float("inf")
+    top = float(np.iinfo(picture.dtype.name).max)
+    if picture.dtype.itemsize == 2:
+        high = float(picture.max())
+        for bits in (10, 12, 14):
+            for shift in (0, 16 - bits):
+                if high == float(((1 << bits) - 1) << shift):
+                    return high
+    return top
+
+
+def saturation_level(picture: NDArray[np.generic]) -> float:
+    """The level from which on a pixel says only that there was so much light or more; inf where there is none."""
+    return min(clipped_level(picture), full_scale(picture))
+
+
+def saturated_as_missing(
+    picture: NDArray[np.generic], raw: NDArray[np.generic] | None = None
+) -> tuple[NDArray[np.generic], float]:
+    """The picture (H, W) with NaN where it is saturated, and that level; itself and inf where no pixel is.
+
+    Parameters
+    ----------
+    picture : levels, or what they mean
+    raw : the levels, where ``picture`` is no longer as the camera stored it
+    """
+    levels = picture if raw is None else raw
+    level = saturation_level(levels)
+    gone = np.asarray(levels >= level) if level < np.inf else np.zeros(0, bool)  # type: ignore[operator]
+    if not gone.any():
+        return picture, float("inf")
+    kind = picture.dtype if picture.dtype.kind == "f" else np.float32 if picture.dtype.itemsize < 4 else np.float64
+    out = picture.astype(kind)
+    out[gone] = np.nan
+    return out, level
+
+
 def unused_bits(picture: NDArray[np.generic]) -> tuple[int, int]:
     """How many low bits are zero in all levels of a picture, or of several: at least, and at most, so many.
 

@@ -179,6 +179,13 @@ class Mesh:
         return np.asarray(run * np.int64(pieces) + piece[a])
 
     @property
+    def parts(self) -> NDArray[np.int64]:
+        """(T,) the connected piece, by common nodes of the file, of each run of triangles of one volume and one block:
+        any number.
+        """
+        return self._parts
+
+    @property
     def pieces(self) -> NDArray[np.int64]:
         """(T,) number of the piece of surface that each triangle belongs to: pieces have no node in common.
 

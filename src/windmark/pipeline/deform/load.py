@@ -17,7 +17,7 @@ from windmark.geometry import Camera, Pose
 from windmark.io.errors import note_read, noted, reading
 from windmark.pipeline.deform.imported import imported_files
 from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry, no_law
-from windmark.pipeline.grid import read_grid, with_curvature
+from windmark.pipeline.grid import oriented, read_surface, sides_words, with_curvature
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.likely_unit import likely_unit
 from windmark.pipeline.points import PointSet, lists_on_grid
@@ -160,11 +160,13 @@ def _grid(
     """The grid, and what is said of it."""
     if project.grid is None:
         return None, []
-    mesh = read_grid(project.grid, lengths, posed)
+    file = read_surface(project.grid, lengths)
+    mesh = oriented(file, project.grid, posed)
+    said = [f"{project.grid.file}: {words}" for words in sides_words(file, mesh, project.grid)]
     if project.grid.walls == "keep":
-        return mesh, []
+        return mesh, said
     walls = wall_volumes(project.markers.file, project.grid, mesh, lengths)
-    return without(mesh, walls), [f"{project.grid.file}: {walls_note(walls, 'the grid')}"] if walls else []
+    return without(mesh, walls), said + ([f"{project.grid.file}: {walls_note(walls, 'the grid')}"] if walls else [])
 
 
 def _station(project: DeformProject, i: int, entry: CameraEntry, lengths: Lengths) -> Station:

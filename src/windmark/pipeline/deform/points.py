@@ -15,6 +15,7 @@ from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.points import PointSet
 from windmark.resection import Picture, PointValues
 from windmark.resection.sources import prepare
+from windmark.scene.levels import saturated_as_missing
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
 
 Array = NDArray[np.float64]
@@ -94,7 +95,9 @@ class PointMapper:
             camera = frame.state.cameras.get(name, station.camera)
             pose = frame.state.cam_from_tunnel.get(name, station.cam_from_tunnel)
             image = read(images.images[name], station)
-            source = prepare(Picture(name, image, camera, pose), moved, self._interpolation, "values at points")
+            light = saturated_as_missing(image)[0]
+            noise = None if light is image else resection.noise_law(image)
+            source = prepare(Picture(name, light, camera, pose, noise), moved, self._interpolation, "values at points")
             for s in self.sets:
                 values = resection.point_values(
                     source, moved, s.asked, s.surface, max_obliquity_deg=self._oblique,

@@ -15,6 +15,7 @@ from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.deform.project import ValuesEntry
 from windmark.resection import inside_px, node_values, see_nodes
 from windmark.scene import MarkerSet, Mesh, View
+from windmark.scene.levels import saturated_as_missing
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages, Image
 
 Array = NDArray[np.float64]
@@ -50,10 +51,12 @@ def surface_values(image: Image, mesh: Mesh, camera: Camera, cam_from_mesh: Pose
 
     Returns
     -------
-    (V,) NaN where the camera does not see a node, or less than ``edge_px`` inside the outline of its surface
+    (V,) NaN where the camera does not see a node, where the image is saturated, or less than ``edge_px`` inside the
+    outline of its surface
     """
     view = see_nodes(mesh, camera, cam_from_mesh, max_obliquity_deg=how.max_obliquity_deg)
-    values = np.asarray(node_values(image, view, interpolation=how.interpolation), dtype=float) - how.black
+    light = saturated_as_missing(image)[0]
+    values = np.asarray(node_values(light, view, interpolation=how.interpolation), dtype=float) - how.black
     if how.edge_px > 0:
         inside = inside_px(mesh, camera, cam_from_mesh)
         seen = np.flatnonzero(view.visible)

@@ -15,6 +15,7 @@ from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.record import REDUCED, FrameRecord
+from windmark.pipeline.infrared.stuck import stuck_pixels, stuck_words
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
 from windmark.tasks.infrared import FLAGS, SATURATED, UNSEEN, CameraTemperature, frame_temperatures, merged_temperature
 from windmark.tasks.psp import ModelPicture, Sampling, moved_grid
@@ -46,17 +47,24 @@ def run_frame(run: InfraredRun, frame: DeformedFrame, images: FrameImages, pictu
     entry = run.project.sampling
     how = Sampling(entry.max_obliquity_deg, entry.edge_px, entry.values, run.patches)
     seen, remarks = [], [] if state.fits else list(state.warnings[:2])
+    stuck: dict[str, NDArray[np.bool_]] = {}
     for name in frame.views:
         if name in images.shots:
             remarks.append(f"{name}: its nearest picture is of another instant and does not count")
             continue
         station = run.deforming.test.station(name)
-        light, variance, _ = run.sensors[name].signal(np.asarray(read(images.images[name], station)))
+        picture = np.asarray(read(images.images[name], station))
+        light, variance, _ = run.sensors[name].signal(picture)
+        if (hang := stuck_pixels(run, name, frame.index, picture)).any():
+            light, variance, stuck[name] = np.where(hang, np.nan, light), np.where(hang, np.nan, variance), hang
         lens = state.cameras.get(name, station.camera)
         pose = state.cam_from_tunnel.get(name, station.cam_from_tunnel)
         seen.append(ModelPicture(name, name, light, variance, lens, pose, mesh, moves))
     radiances = {n: s.radiance for n, s in run.sensors.items()}
     found = frame_temperatures(seen, radiances, run.surface, how=how) if seen else {}
+    for one in (s for s in seen if s.name in stuck):
+        xy = one.lens.project(one.cam_from_tunnel.apply(mesh.vertices))[0]
+        remarks += stuck_words(one.name, stuck[one.name], xy, (found[one.name].flags & UNSEEN) == 0)
     cameras = {name: of for name, of in found.items() if not _refused(run, name, of, remarks)}
     merged = merged_temperature(cameras)[0] if cameras else None
     if merged is None:

@@ -18,7 +18,7 @@ from windmark.pipeline.infrared.project import CameraEntry, InfraredProject
 from windmark.pipeline.psp.bits import Bits, otherwise, shifted
 from windmark.pipeline.psp.columns import temperatures
 from windmark.pipeline.psp.stream import FROZEN_K, TEMPERATURE
-from windmark.scene.levels import clipped_level
+from windmark.scene.levels import saturation_level
 from windmark.tasks.deform.task import Station
 
 MOST_DEAD = 0.1
@@ -104,10 +104,10 @@ def _interpolated(radiance: Radiance, kelvin: Array) -> Array:
 
 
 def _full(picture: NDArray[np.generic], saturation: float | None) -> Mask:
-    """Saturated pixels: by the project's number, or because many are clipped at the largest one."""
+    """Saturated pixels: by the project's number, or where the picture itself is at its highest level."""
     if saturation is not None:
         return np.asarray(picture >= saturation)  # type: ignore[operator]
-    return np.asarray(picture >= clipped_level(picture))  # type: ignore[operator]
+    return np.asarray(picture >= saturation_level(picture))  # type: ignore[operator]
 
 
 def read_sensor(project: InfraredProject, index: int, station: Station) -> ThermalSensor:

@@ -25,10 +25,9 @@ Section = psp.SectionEntry | project_entries.SectionEntry
 
 
 def psp_lengths(mesh: Mesh, project: PspProject) -> list[Finding]:
-    """All lengths that the project of a paint test says itself."""
+    """All lengths that the project of a paint test says itself, but for its lamps' places (`lamps_findings`)."""
     unit, loads = project.length_unit, project.loads
     return [
-        *lamp_findings(mesh, [lamp.position for lamp in project.lamp], unit),
         *([] if loads is None else reference_findings(mesh, loads, unit)),
         *wall_findings(mesh, project.temperature.length, unit),
         *section_findings(mesh, project.section, unit),

@@ -23,7 +23,7 @@ from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.pipeline.verdict.wanted import valueless_findings
-from windmark.tasks.psp.plausible import EXTRAPOLATED, LACKING, UNFIT
+from windmark.tasks.psp.plausible import BESIDE_RECOVERY, EXTRAPOLATED, LACKING, UNFIT
 
 
 def psp_verdict(
@@ -203,6 +203,11 @@ def _wall(r: PointRecord) -> Iterator[Finding]:
     for said in r.remarks:
         if said.startswith(DOUBTED):
             step = "check the readings, names and places; where the wall varies by so much, say temperature.sigma_K"
+            yield Finding(DOUBTFUL, "temperature", said, step)
+        # Taps that the paint is fitted to, or compared with, tell what a wrong temperature does to the level.
+        if said.startswith(BESIDE_RECOVERY) and not r.fit and not _compared(r):
+            step = "check the readings (cold junction, unit, point), T0 and Mach; where the wall is heated or slow to "
+            step += "take the stream's temperature, say so by temperature.sigma_K, or leave recovery out"
             yield Finding(DOUBTFUL, "temperature", said, step)
 
 

@@ -82,7 +82,7 @@ def picture_findings(state: PictureState) -> list[Finding]:
                 DOUBTFUL,
                 "saturated",
                 f"{g2(100 * state.saturated)} % of the pixels are at the highest grey level, {state.level:.0f}",
-                "expose shorter or dim the lamps; values there are lower bounds",
+                "expose shorter or dim the lamps; pixels there have no value",
             )
         )
     if state.costs > rules.BLUR_COSTS:

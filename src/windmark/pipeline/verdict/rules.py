@@ -14,7 +14,9 @@ BLUR_COSTS = 2.0
 SHARP_PX = 0.7
 """Blur (1 sigma) of a sharp picture: that of a good lens and a pixel."""
 SATURATED = 0.005
-"""Part of the pixels, or of the nodes with a value, at the highest level of an integer picture."""
+"""Part of the pixels at the highest level of an integer picture."""
+SATURATED_NODES = 0.02
+"""Part of the nodes that a picture shows which have no value for that reason."""
 GROSS = 5.0
 """Residual of a marker over the misfit of the others, 1 sigma per coordinate, from which it is none of theirs: of a
 hundred right ones in a picture one in 3,000 pictures has such a one, and of many pictures the middle one counts."""
@@ -22,6 +24,9 @@ MISSING = 1 / 3
 """Part of the markers that must be in view, from which missing ones are no accident."""
 FEW = 6
 """Markers from which a wrong one among them can be told from a wrong pose: twelve numbers for six unknowns."""
+LAMP_LIGHTS = 1 / 4
+"""Part of what the cameras show of the model, below which a lamp is on the wrong side of it: it lights half of any
+body, so half of what cameras all round it show, and more of what those on its own side do."""
 FAR_POINTS = 1 / 2
 """Part of a list's points that are not on the surface, from which the list is of another unit or frame."""
 CONFIRM = 3

@@ -34,6 +34,8 @@ def run_verdict(result: RunResult) -> Verdict:
         found += [replace(f, word=BAD) for f in beside] if none else beside
     if result.mesh is not None:
         found += section_findings(result.mesh, result.project.section, result.project.length_unit)
+    step = 'wind each of the two zones counter-clockwise seen from its air, with [grid] orientation = "file"'
+    found += [Finding(DOUBTFUL, "grid", said, step) for said in result.unknown_sides]
     found += [_missing(said).at(item.name) for item in result.images for said in item.left_out]
     found += [_missing(said) for said in result.lost_views]
     for group in result.merged:
@@ -112,6 +114,8 @@ def _beyond(item: ImageResult) -> float:
 def _image(item: ImageResult, result: RunResult) -> list[Finding]:
     state = _state(item)
     found = [] if state is None else picture_findings(state)
+    if item.saturated_part > rules.SATURATED_NODES and all(f.cause != "saturated" for f in found):
+        found.append(Finding(DOUBTFUL, "saturated", item.saturated, "expose shorter or dim the lamps"))
     found += given_pose(item)
     unit = result.project.length_unit
     found += far_findings([table.of for table in item.points], unit)

@@ -26,6 +26,7 @@ CAUSES = {
     "mirrored": "a picture or a table that is mirrored",
     "discs": "radii or normals of the table that contradict the picture",
     "grid": "a grid that is not where the markers are",
+    "lamps": "lamps that are not where they should be",
     "mixed": "pictures of two cameras under one name",
     "focus": "pictures of which nothing checks that they have one focus",
     "sheared": "pictures that are sheared or stretched against each other",

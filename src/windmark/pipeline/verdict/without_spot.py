@@ -12,12 +12,15 @@ from windmark.errors import g2
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 from windmark.registration import Registration
+from windmark.scene.detections import FLAGS
 from windmark.tasks.odd import CHANCE, nearest_spots
 
 if TYPE_CHECKING:
     from windmark.pipeline.verdict.registered import Sighting
 
+Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+SATURATED = next(bit for bit, flag in FLAGS.items() if flag == "saturated")
 
 
 def odd_markers(seen: Sighting, answer: Registration) -> list[Finding]:
@@ -35,14 +38,40 @@ def odd_markers(seen: Sighting, answer: Registration) -> list[Finding]:
     odd = np.flatnonzero((len(alone) * chance < CHANCE) & (nearest > rules.GROSS * own))
     if not len(odd):
         return []
-    k = odd[np.argmin(nearest[odd])]
+    # Of a spot whose pixels are in part at the highest level only the rest of it is seen: its centre is not the disc's.
+    full = (seen.spots.flags[which[odd]] & SATURATED) > 0
+    return [*_beside(seen, answer, alone[odd[~full]], nearest[odd[~full]]),
+            *_in_full_light(seen, alone[odd[full]], nearest[odd[full]])]  # fmt: skip
+
+
+def _in_full_light(seen: Sighting, markers: Ints, far: Array) -> list[Finding]:
+    """Markers whose spots have saturated pixels, and so are so many pixels beside their places."""
+    if not len(markers):
+        return []
+    k, more = int(np.argmin(far)), f" (and {len(markers) - 1} more)" if len(markers) > 1 else ""
+    return [
+        Finding(
+            DOUBTFUL,
+            "saturated",
+            f"the spot of {seen.markers.name[markers[k]]}{more} is saturated in part, and {g2(far[k])} px from where "
+            "its table has it",
+            "expose shorter, dim the lamps, or turn the highlight away from the markers; the pose does not use them",
+        )
+    ]
+
+
+def _beside(seen: Sighting, answer: Registration, markers: Ints, far: Array) -> list[Finding]:
+    """Markers that are so many pixels from where the table has them."""
+    if not len(markers):
+        return []
+    k = int(np.argmin(far))
     scale = _unit_per_px(answer)
-    more = f" (and {len(odd) - 1} more)" if len(odd) > 1 else ""
+    more = f" (and {len(markers) - 1} more)" if len(markers) > 1 else ""
     return [
         Finding(
             DOUBTFUL,
             "marker",
-            f"{seen.markers.name[alone[k]]}{more} is {g2(nearest[k])} px ({g2(nearest[k] * scale)} "
+            f"{seen.markers.name[markers[k]]}{more} is {g2(far[k])} px ({g2(far[k] * scale)} "
             f"{seen.unit}) from where "
             "its table has it",
             "measure this marker again, or exchange the names if two of them are swapped",

@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import g2, g3
-from windmark.paint import InSitu, NodeField, PressureMap, SternVolmer, TunnelConditions, TunnelGain
+from windmark.paint import (
+    InSitu,
+    NodeField,
+    PressureMap,
+    SternVolmer,
+    TunnelConditions,
+    TunnelGain,
+    recovery_temperature,
+)
 from windmark.paint.cp import AIR
 from windmark.paint.stern_volmer import PRESSURE_OUTSIDE, TEMPERATURE_OUTSIDE
 
@@ -36,6 +44,9 @@ LACKING = "no pressure where cameras show the surface: "
 """Begins what is said where more than `PART` of the nodes has none."""
 UNCHECKED = "nothing checks the level of the pressure: "
 """Begins what is said of a point without taps that count."""
+
+BESIDE_RECOVERY = "thermocouples and recovery contradict each other: "
+"""Begins what is said where the wall's temperature is not what the stream leaves on it."""
 
 UNFIT = f"{UNCHECKED}it is that of the taps, "
 """Begins what is said where the paint's own pressure cannot contradict a fit to taps."""
@@ -70,6 +81,24 @@ def beyond_stream(cp: NodeField, stream: TunnelConditions) -> str:
         return (f"on {100 * under:.0f} % of the surface Cp is below {g3(least)}, {words} (median "
                 f"{g3(np.median(value))}): {causes}")  # fmt: skip
     return ""
+
+
+def beside_recovery(wall: NodeField, stream: TunnelConditions, recovery: float | None, spread: float) -> list[str]:
+    """What is said where thermocouples give a ``wall`` that is not of this stream, by what is said of both.
+
+    ``recovery`` : factor; ``spread``: by how much the wall may differ from recovery (K, 1 sigma). Nothing without Mach
+    number or total temperature.
+    """
+    there = wall.value[wall.known]
+    if recovery is None or not len(there) or not (np.isfinite(stream.mach) and np.isfinite(stream.t_0)):
+        return []
+    by_stream = recovery_temperature(stream, 1, recovery=recovery, t_0_sigma=spread)
+    warm, even, sigma = float(np.median(there)), float(by_stream.value[0]), float(by_stream.sigma[0])
+    if abs(warm - even) <= SURE * sigma:
+        return []
+    hotter = f", and hotter than the stream's T0 of {stream.t_0:.4g} K" if warm > stream.t_0 + spread else ""
+    return [f"{BESIDE_RECOVERY}the wall is at {warm:.4g} K by readings (median), at {even:.4g} K by recovery, "
+            f"{g2(abs(warm - even) / sigma)} of its sigmas apart{hotter}"]  # fmt: skip
 
 
 def beyond_calibration(prior: PressureMap, temperature: NodeField, law: SternVolmer | TunnelGain) -> list[str]:

@@ -28,7 +28,14 @@ from windmark.tasks.psp.cuts import SectionLoads, SectionWanted, SurfaceSection,
 from windmark.tasks.psp.few_modes import gain_pressure, pressure_of
 from windmark.tasks.psp.loads import between_incidences, hole_words, seen_loads
 from windmark.tasks.psp.patching import patched
-from windmark.tasks.psp.plausible import beyond_calibration, beyond_stream, fitted_level, lacking, unchecked_level
+from windmark.tasks.psp.plausible import (
+    beside_recovery,
+    beyond_calibration,
+    beyond_stream,
+    fitted_level,
+    lacking,
+    unchecked_level,
+)
 from windmark.tasks.psp.ratios import MergedRatio
 from windmark.tasks.psp.taps import Readings, TapTable, at_taps, in_cp
 from windmark.tasks.psp.unlit import unlit_words
@@ -207,11 +214,13 @@ def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) ->
         return patched(rest, task.temperature, task.patches, task.polygons, [])[0]
     wells = task.thermocouples
     if wells is not None and len(wells.names):
-        return thermocouple_temperature(
+        wall = thermocouple_temperature(
             np.where(seen[:, None], rest.vertices, np.nan), wells.xyz, wells.value, sigma=wells.sigma,
             length=task.wall_length or WALL * rest.size, spread=task.wall_sigma,
             names=wells.names, remarks=remarks,
         )  # fmt: skip
+        remarks += beside_recovery(wall, task.conditions, task.recovery, task.wall_sigma)
+        return wall
     if task.recovery is None:
         raise DataError("there is no temperature: no thermocouple has a reading and no recovery is given")
     if not (np.isfinite(task.conditions.mach) and np.isfinite(task.conditions.t_0)):
