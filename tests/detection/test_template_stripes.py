@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from windmark.detection.template.refine import refine_template
-from windmark.detection.template.stripes import FREQUENCIES, no_stripes, of_stripes
+from windmark.detection.template.stripes import frequencies, no_stripes, of_stripes
 from windmark.synth import disc_image
 
 SIZE, NOISE = 37, 0.6  # px: no stripe has the same phase on all tiles
@@ -30,7 +30,7 @@ def fitted(seeds, **of):
     z, sigmas, noises = [], [], []
     for seed in seeds:
         image, xy = sheet(seed, **of)
-        fits = refine_template(image, xy + 0.1, np.full(len(xy), 4.2))
+        fits = refine_template(image, xy + 0.1, np.full(len(xy), 1.05 * of.get("radius", 4.0)))
         assert fits.converged.all()
         sigma = np.sqrt(fits.cov[:, [0, 1], [0, 1]])
         z.append((fits.xy - xy) / sigma)
@@ -54,8 +54,19 @@ def test_sigmas_hold_in_stripes(period, least, down):
         strength = noise.stripes.sum(axis=1)
         assert strength[int(down)] > 0.7
         assert strength[1 - int(down)] == 0.0
-        strongest = FREQUENCIES[noise.stripes[int(down)].argmax()]
+        strongest = frequencies(noise.stripes.shape[1])[noise.stripes[int(down)].argmax()]
         assert strongest == pytest.approx(1.0 / period, abs=2.0 / 48.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("radius", "size", "least"), [(12.0, 81, 0.6), (20.0, 131, 0.25), (30.0, 201, 0.5)])
+def test_large_discs_tell_more_frequencies_apart(monkeypatch, radius, size, least):
+    """Where the lines do not fit the stripes, the noise of each pixel is not forgotten: it shows in differences."""
+    monkeypatch.setitem(globals(), "SIZE", size)
+    z, sigma, _ = fitted((1,), stripes=3.0, period=3.3, radius=radius)
+    assert (np.sqrt(np.mean(z**2, axis=0)) < 1.3).all()
+    assert (np.sqrt(np.mean(z**2, axis=0)) > least).all()
+    assert (sigma > 0.0005).all()
 
 
 def test_white_noise_and_columns_that_know_nothing_of_each_other_have_no_stripes():
@@ -75,7 +86,7 @@ def test_covariance_of_stripes_is_that_of_their_phases():
     strengths, k = no_stripes(), 7
     strengths[1, k] = 2.0
     phase = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
-    wave = 2.0 * np.sin(2.0 * np.pi * FREQUENCIES[k] * np.arange(9) + phase[:, None])[:, :, None]
+    wave = 2.0 * np.sin(2.0 * np.pi * frequencies(24)[k] * np.arange(9) + phase[:, None])[:, :, None]
     moved = np.einsum("biyx,pyx->bpi", influence, np.broadcast_to(wave, (12, 9, 9)))
     expected = np.einsum("bpi,bpj->bij", moved, moved) / 12
     np.testing.assert_allclose(of_stripes(influence, strengths), expected, rtol=1e-9)

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 EVIDENCE = 0.7  # constant correlations are believed where they leave less than this of the misfit of proportional ones
 OUTVOTED = 3.0  # a marker's residuals count at most so many times the median: a line or a bent background is no noise
-COLUMNS = slice(1, 3)  # and rows
+COLUMNS, SHARE = slice(1, 3), 0.05  # columns and rows; of all strengths, from which they may be stripes
 TESTED = slice(1, 6)  # forms that hardly depend on the marker's shape: columns, rows, the shorter lengths
 UNLIKELY = 4.0  # noise is called white unless one of them differs by so many standard deviations
 SAME = 0.08  # ... or where that changes the variance of a centre by less
@@ -55,7 +55,7 @@ class FrameNoise:
         where noise is white or the markers differ by more: each marker's own residuals count
     usual : mean residual variance of the clean markers over `curve`, which is made without the largest
     odd : of white noise, variance of a centre over what least squares makes it from the residuals (`template.odd`)
-    stripes : (2, K) relative strengths of vertical and of horizontal stripes of each of `stripes.FREQUENCIES`
+    stripes : (2, K) relative strengths of vertical and of horizontal stripes of each of `stripes.frequencies`
     """
 
     curve: Array
@@ -197,8 +197,9 @@ def _components(
     off = np.abs(expected[:PARTS] @ best - forms[:PARTS])
     across = each[1] - each[2]  # alike where nothing tells columns from rows
     striped = abs(across.mean()) > UNLIKELY * across.std() / np.sqrt(len(across))
-    if best[COLUMNS].any() and (striped or (off > UNLIKELY * unsure(each[:PARTS])).any()):
-        found = with_stripes(residual, used, jacobian, weights, each, expected, parts, best[COLUMNS] > 0.0)
+    asked = best[COLUMNS] > SHARE * best.sum()
+    if asked.any() and (striped or (off > UNLIKELY * unsure(each[:PARTS])).any()):
+        found = with_stripes(residual, used, jacobian, weights, each, expected, best, parts, asked)
         if found is not None:
             (best, stripes), *squares = found
             return _Components(best[:PARTS], best[PARTS:], stripes, *squares)

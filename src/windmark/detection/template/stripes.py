@@ -4,7 +4,7 @@ Columns whose offsets know nothing of each other are one of the parts of a frame
 are not such: offsets of neighbouring columns have opposite signs, or the same. Taken for the former they leave no room
 for the noise that every pixel has for itself: then nothing would be uncertain along the stripes, where sums over
 columns cancel, and the centre would be known exactly. Stripes have a spectrum of their own instead: strengths >= 0 of
-lines cos(2 pi f x + phase), f = `FREQUENCIES`, of unknown phase, which the forms (c^T e)^2 + (s^T e)^2 of the residuals
+lines cos(2 pi f x + phase), f = `frequencies`, of unknown phase, which the forms (c^T e)^2 + (s^T e)^2 of the residuals
 tell. And what is white is seen where no stripe is: in differences of neighbours along the stripes.
 
 Forms of stripes are large, and as unsure; forms of differences small, and sure: each counts as its scatter from marker
@@ -23,14 +23,21 @@ from windmark.detection.template.forms import PARTS, forms_of
 
 Array = NDArray[np.float64]
 
-FREQUENCIES = np.arange(1, 25) / 48.0  # per px: finer than a window tells them apart
+LINES = 24  # at least, and of more those that are strongest
+MISSED = 0.5  # of the differences: where noise without stripes explains no more it has forgotten what each pixel has
 BELIEVED = 0.5  # stripes are, where they leave less than this of the misfit of columns that know nothing of each other
+NUMBERS = 500_000  # of images of differences, whose mean is asked: of large windows not all are needed
 INEXACT = 0.02  # of a form: windows are not quite the typical one
 
 
-def no_stripes() -> Array:
+def no_stripes(count: int = LINES) -> Array:
     """Strengths (2, K) where there are none."""
-    return np.zeros((2, len(FREQUENCIES)))
+    return np.zeros((2, count))
+
+
+def frequencies(count: int) -> Array:
+    """(K,) per pixel, evenly up to the shortest period."""
+    return np.asarray(np.arange(1, count + 1) / (2.0 * count))
 
 
 def of_stripes(influence: Array, strengths: Array) -> Array:
@@ -39,18 +46,19 @@ def of_stripes(influence: Array, strengths: Array) -> Array:
     for lines, across in zip(strengths, (influence.sum(2), influence.sum(3)), strict=True):
         if lines.any():
             gap = np.arange(influence.shape[-1])[:, None] - np.arange(influence.shape[-1])
-            correlation = np.tensordot(lines, np.cos(2.0 * np.pi * FREQUENCIES[:, None, None] * gap), axes=1)
+            waves = np.cos(2.0 * np.pi * frequencies(len(lines))[:, None, None] * gap)
+            correlation = np.tensordot(lines, waves, axes=1)
             cov += across @ correlation @ across.swapaxes(1, 2)
     return cov
 
 
 def with_stripes(
     residual: Array, used: Array, jacobian: Array, weights: Sequence[Array], each: Array, expected: Array,
-    family: Sequence[int], asked: NDArray[np.bool_],
+    given: Array, family: Sequence[int], asked: NDArray[np.bool_],
 ) -> tuple[tuple[Array, Array], float, float] | None:  # fmt: skip
     """Strengths (2 PARTS,) and (2, K) of noise with stripes, and tr Q C Q, tr (Q C Q)^2 per pixel.
 
-    None where stripes explain the forms hardly better.
+    None where stripes explain the forms hardly better, and the ``given`` strengths the differences as well.
 
     Parameters
     ----------
@@ -58,13 +66,15 @@ def with_stripes(
     jacobian : (10, S, S) images that the typical marker's fit, which is the first, takes out of its residuals
     weights : of its pixels (S, S), as the forms have them
     each, expected : (F, B), (F, 2 PARTS) forms of the markers per pixel, and their expectations
+    given : (2 PARTS,) strengths without stripes
     family : which of the parts may be
     asked : (2,) whether there are vertical, horizontal stripes
     """
     from scipy.optimize import nnls
 
     basis = np.linalg.qr(jacobian.reshape(len(jacobian), -1).T)[0].T.reshape(jacobian.shape)
-    pixels, lines = used.sum((1, 2)), _lines(residual.shape[-1], asked)
+    pixels, count = used.sum((1, 2)), max(LINES, residual.shape[-1])
+    lines, kept = _strongest(residual * used, asked, count)
     left = lines * used[0]
     left = left - np.tensordot(np.tensordot(left, basis, axes=((1, 2), (1, 2))), basis, axes=1)
     flat = left.reshape(len(left), -1)
@@ -84,13 +94,16 @@ def with_stripes(
     scaled = wide * weight[:, None]
     unit = np.maximum(np.linalg.norm(scaled, axis=0), 1e-300)
     misfit = [nnls((scaled / unit)[:, some], target * weight) for some in (list(family), parts)]
-    if not misfit[1][1] < BELIEVED * misfit[0][1]:
-        return None
     best = np.zeros(wide.shape[1])
-    best[parts] = misfit[1][0] / unit[parts]
+    if misfit[1][1] < BELIEVED * misfit[0][1]:
+        best[parts] = misfit[1][0] / unit[parts]
+    elif (rough[:, : len(given)] @ given < MISSED * smooth.mean(axis=1)).any():
+        best[list(family)] = misfit[0][0] / unit[list(family)]
+    else:
+        return None
     square = best @ np.concatenate([wide[: expected.shape[1]], wide[len(each) : -len(smooth)]]) @ best
-    strengths = no_stripes()
-    strengths[asked] = best[2 * PARTS :].reshape(-1, len(FREQUENCIES))
+    strengths = no_stripes(count)
+    strengths[kept] = best[2 * PARTS :]
     return (best[: 2 * PARTS], strengths), float(wide[0] @ best), float(square)
 
 
@@ -100,12 +113,21 @@ def unsure(forms: Array) -> Array:
     return np.asarray(np.maximum(np.hypot(scatter, INEXACT * np.abs(mean)), 1e-300))
 
 
-def _lines(size: int, asked: NDArray[np.bool_]) -> Array:
-    """Cosines and sines (2 L, S, S), in turns, of the frequencies of those stripes that are asked for."""
-    phase = 2.0 * np.pi * FREQUENCIES[:, None] * np.arange(size)
-    waves = np.stack([np.cos(phase), np.sin(phase)], axis=1).reshape(-1, size)
-    upright = np.broadcast_to(waves[:, None, :], (len(waves), size, size))
-    return np.concatenate([w for w, on in zip((upright, upright.swapaxes(1, 2)), asked, strict=True) if on])
+def _strongest(residual: Array, asked: NDArray[np.bool_], count: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Cosines and sines (2 L, S, S), in turns, of the stripes that are asked for, and which (2, K) of all they are.
+
+    A large window tells more frequencies apart than there are forms: those count that residuals have most of.
+    """
+    size, kept = residual.shape[-1], no_stripes(count).astype(bool)
+    phase = 2.0 * np.pi * frequencies(count)[:, None] * np.arange(size)
+    waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    images = []
+    for k in np.flatnonzero(asked):
+        power = np.square(residual.sum(1 + k) @ waves.reshape(-1, size).T).sum(0).reshape(-1, 2).sum(1)
+        kept[k, np.argsort(-power, kind="stable")[:LINES]] = True
+        upright = np.broadcast_to(waves[kept[k]].reshape(-1, 1, size), (2 * LINES, size, size))
+        images.append(upright.swapaxes(1, 2) if k else upright)
+    return np.concatenate(images), kept
 
 
 def _pairs(forms: Array) -> Array:
@@ -130,10 +152,11 @@ def _differences(
         whole = differ(used, np.abs(signs)) == signs.size
         seen.append((np.square(differ(residual)) * whole).sum((1, 2)) / np.maximum(whole.sum((1, 2)), 1))
         corner = np.argwhere(whole[0])
+        corner = corner[:: 1 + len(corner) * used[0].size // NUMBERS]
         rows = np.zeros((len(corner), *used.shape[1:]))
         for i, j in np.ndindex(signs.shape):
             rows[np.arange(len(corner)), corner[:, 0] + i, corner[:, 1] + j] = signs[i, j]
         rows = rows - np.tensordot(np.tensordot(rows, basis, axes=((1, 2), (1, 2))), basis, axes=1)
-        lines = _pairs((np.square(differ(left)) * whole[0]).sum((1, 2)))
-        made.append(np.concatenate([*(forms_of(rows * w).sum(1) for w in weights), lines]) / max(len(corner), 1))
+        lines = _pairs((np.square(differ(left)) * whole[0]).sum((1, 2))) / max(whole[0].sum(), 1)
+        made.append(np.concatenate([*(forms_of(rows * w).mean(1) for w in weights), lines]))
     return np.array(seen), np.array(made)
