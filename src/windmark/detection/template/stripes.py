@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 LINES = 24  # at least, and of more those that are strongest
 MISSED = 0.5  # of the differences: where noise without stripes explains no more it has forgotten what each pixel has
-BELIEVED = 0.5  # stripes are, where they leave less than this of the misfit of columns that know nothing of each other
+BELIEVED = 0.3  # stripes are, where they leave less than this of the misfit of columns that know nothing of each other
 NUMBERS = 500_000  # of images of differences, whose mean is asked: of large windows not all are needed
 INEXACT = 0.02  # of a form: windows are not quite the typical one
 
