@@ -84,3 +84,27 @@ def test_one_foreign_picture_is_foreign():
     result = calibrated([replace(ONE, focal_px=1560.0) if k == 3 else ONE for k in range(10)])
     assert "mixed" not in causes(result)
     assert any("v3" in d.names for d in result.doubts)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("second", [(1, 3, 5, 7), (4, 5, 6, 7)])
+def test_two_zooms_of_a_flat_board_are_no_shear_and_no_change_of_the_board(second):
+    """Of a board a focal length and a principal point are mostly taken by the poses: what is left looks like shear."""
+    rng = np.random.default_rng(3)
+    grid = np.stack(np.meshgrid(np.arange(12.0), np.arange(9.0)), axis=-1).reshape(-1, 2) - [5.5, 4.0]
+    xyz = np.column_stack([20.0 * grid, np.zeros(len(grid))])
+    xy = []
+    for k in range(8):
+        pose = Pose.look_at([230 * np.cos(2.4 * k), 230 * np.sin(2.4 * k), 330.0], [0, 0, 0], [np.cos(k), np.sin(k), 0])
+        seen = ONE.project(pose.apply(xyz))[0]
+        xy.append(1.015 * (seen - [800.0, 600.0]) + [800.0, 600.0] if k in second else seen)
+    view, point = np.divmod(np.arange(8 * len(xyz)), len(xyz))
+    marks = np.concatenate(xy) + rng.normal(0, 0.01, (len(view), 2))
+    observations = Observations(view, point, marks, np.tile(0.0001 * np.eye(2), (len(view), 1, 1)))
+    markers = MarkerSet.make([f"m{k:03d}" for k in range(len(xyz))], xyz + rng.normal(0, 0.05, xyz.shape))
+    start, views = {"camera": Camera((1600, 1200), 1480.0)}, [View(f"v{k}") for k in range(8)]
+    result = self_calibrate(observations, markers, start, views, datum=Free(), free=FREE)
+    said = result.reason if isinstance(result, NotCalibrated) else str(result.doubts[0])
+    assert "look like pictures at another zoom or focus" in said
+    names = set(said.split(" look")[0].split(", "))
+    assert names in ({f"v{k}" for k in second}, {f"v{k}" for k in range(8) if k not in second})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from windmark.calibration.changed_scene import changed_scene
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
 from windmark.calibration.view_changes import (
@@ -52,6 +53,9 @@ def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
     asking = changes(job, solved)
     focal, principal = asking["focal"], asking["principal"]
     kind, most = asked_most(asking)
+    scene = changed_scene(job, solved)
+    if scene is not None and (not kind or scene.lead > most.lead):
+        return (scene.doubt(job.markers.length_unit),)
     if kind:
         return (_said(most, kind),)
     if focal.worst is not None:

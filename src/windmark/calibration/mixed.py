@@ -1,7 +1,8 @@
 """Pictures of two cameras under one name: two groups, each with a focal length and principal point of its own.
 
-No single picture is foreign then, and marks of either group are left out as if they were wrong. To first order every
-group has what its pictures' marks ask for together (`changed_views`), and the division that explains most of the
+No single picture is foreign then, and marks of either group are left out as if they were wrong; of a flat board the
+poses take most of a focal length, and what is left looks like a shear, or like a board that changed. To first order
+every group has what its pictures' marks ask for together (`changed_views`), and the division that explains most of the
 residuals is looked for. It counts only where the network with two cameras agrees in itself.
 """
 
@@ -30,11 +31,19 @@ DIFFER, REFOCUSED = 6.0, 3.0
 focuses anew (`ANEW`): pictures of such a one fall into two groups by chance."""
 NAMED = 8
 """Pictures that are named at most."""
+INTERIOR = ("focal_px", "cx", "cy")
 OTHER = "another camera"
-CONSEQUENCES = ("focal", "principal", "picture", "marker", "focus")
+PATTERNS = ("sheared", "scene")
+"""Causes of doubts about what looks, in single pictures or half of them, like what two cameras make."""
+CONSEQUENCES = ("focal", "principal", "picture", "marker", "focus", *PATTERNS)
 """Causes of doubts that two cameras under one name bring about."""
-ASKING = ("focal", "principal", "picture")
+ASKING = ("focal", "principal", "picture", *PATTERNS)
 """Those of pictures that contradict the others of their camera."""
+
+
+def likely_mixed(result: Calibration) -> bool:
+    """Whether pictures differ in a way that two cameras may explain as well: several are sheared, the scene changed."""
+    return any(d.cause in PATTERNS and (len(d.names) != 1) for d in result.doubts)
 
 
 def two_cameras(job: Job, solved: Solved, again: Callable[[Job], Calibration | NotCalibrated]) -> Doubt | None:
@@ -61,13 +70,15 @@ def two_cameras(job: Job, solved: Solved, again: Callable[[Job], Calibration | N
         return None
     if any(d.cause in ASKING for d in found.doubts):
         return None  # of a lens that focuses by itself pictures ask for a focal length of their own still
-    if not _differ(found, name):
+    if not any(_differ(found, name, p) for p in INTERIOR):
         return None
     fewer, more = sorted((OTHER, name), key=lambda n: sum(v.camera == n for v in found.views))
     names = tuple(v.name for v in found.views if v.camera == fewer)
     listed = ", ".join(["{}"] * min(len(names), NAMED)) + (f" and {len(names) - NAMED} more" * (len(names) > NAMED))
+    apart = [p for p in INTERIOR if _differ(found, name, p)]
+    what = "at another zoom or focus" if apart == ["focal_px"] else "of another camera"
     words = (
-        f"{listed} look like pictures of another camera than the other {len(found.views) - len(names)}: "
+        f"{listed} look like pictures {what} than the other {len(found.views) - len(names)}: "
         f"{_interior(found, fewer)}, against {_interior(found, more)}; with a camera for each all agree"
     )
     return Doubt(names[:NAMED], words, "mixed")
@@ -82,14 +93,11 @@ def with_mixed(result: Calibration | NotCalibrated, doubt: Doubt) -> Calibration
     return replace(result, doubts=(doubt, *rest), suspect=tuple(names))
 
 
-def _differ(found: Calibration, name: str) -> bool:
-    """Whether focal lengths or principal points differ surely, and by more than one camera's that focuses anew."""
+def _differ(found: Calibration, name: str, p: str) -> bool:
+    """Whether a parameter differs surely, and by more than one camera's that focuses anew."""
     one, other = found.cameras[name], found.cameras[OTHER]
-    for p in ("focal_px", "cx", "cy"):
-        least = max(DIFFER * np.hypot(found.sigma(OTHER, p), found.sigma(name, p)), REFOCUSED * ANEW * one.focal_px)
-        if found.sigma(name, p) and abs(getattr(other, p) - getattr(one, p)) > least:
-            return True
-    return False
+    least = max(DIFFER * np.hypot(found.sigma(OTHER, p), found.sigma(name, p)), REFOCUSED * ANEW * one.focal_px)
+    return bool(found.sigma(name, p) and abs(getattr(other, p) - getattr(one, p)) > least)
 
 
 def _interior(found: Calibration, name: str) -> str:

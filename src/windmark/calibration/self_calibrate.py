@@ -17,7 +17,7 @@ from windmark.calibration.datum import Datum, Distance
 from windmark.calibration.eccentric import radii_off
 from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.foreign import contradicting, most_foreign, of_its_own, without
-from windmark.calibration.mixed import two_cameras, with_mixed
+from windmark.calibration.mixed import likely_mixed, two_cameras, with_mixed
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part
 from windmark.calibration.solve import Solved
@@ -212,10 +212,11 @@ def _attempt(
         foreign[view] = of_its_own(job, solved, view)
         rest = good & ~np.isin(job.observations.view, list(foreign))
         others, solved = _adjusted(job, state, rest, dropped, options)
-    if isinstance(others, Calibration) and foreign:
-        return without(others, {job.views[v].name: focal for v, focal in foreign.items()})
-    alike = isinstance(outcome, Calibration) and not foreign
-    return outcome if alike else _of_two_cameras(job, outcome, whole, options, seed)
+    if not isinstance(others, Calibration):
+        return _of_two_cameras(job, outcome, whole, options, seed)
+    found = without(others, {job.views[v].name: focal for v, focal in foreign.items()}) if foreign else others
+    mixed = _of_two_cameras(job, outcome, whole, options, seed) if likely_mixed(found) else outcome
+    return mixed if mixed is not outcome else found
 
 
 def _of_two_cameras(

@@ -146,7 +146,7 @@ def asked(
     size = np.sqrt(np.diagonal(equations.power, axis1=1, axis2=2)[np.ix_(of, what)])
     own = _own([job.views[v].name for v in views], solved, blocks[n, :, n], size, score)
     size, every = size.ravel(), blocks.reshape(len(views) * kinds, -1)
-    change, test, count = _together(every / np.outer(size, size), score.ravel() / size)
+    change, test, count = explained(every / np.outer(size, size), score.ravel() / size)
     rms = 0.0
     if chance_beside(test, count, solved) < FALSE:
         rms = float(np.sqrt(kinds * ((change / size) ** 2).mean()))
@@ -160,7 +160,7 @@ def asked(
     return Asked(own, rms, float(lead), worst)
 
 
-def _together(power: Array, score: Array) -> tuple[Array, float, int]:
+def explained(power: Array, score: Array) -> tuple[Array, float, int]:
     """Unknowns (n,), what they explain, and how many of them can be told; all of it in units of the sizes of b."""
     factor, failed = lapack.dpotrf(power, lower=1)
     if not failed:

@@ -113,7 +113,8 @@ def joint_blur(scene: Scene, request: Request, noise: Array) -> tuple[float, flo
         frame = Frame(blur, HELD_SPREAD, None)
         cost[k] = fit_all(scene, _with_blur(request, frame), others, images=False)[0].column("cost")
     good = np.isfinite(cost).all(axis=0)
-    rise = np.minimum((cost - cost.min(axis=0))[:, good] / noise[good] ** 2, OUTVOICED).sum(axis=1)
+    cost = cost[:, good]
+    rise = np.minimum((cost - cost.min(axis=0)) / noise[good] ** 2, OUTVOICED).sum(axis=1)
     k = int(rise.argmin())
     if not 0 < k < len(BLURS) - 1:
         return None

@@ -15,29 +15,27 @@ forms: C. R. Rao, J. Multivariate Analysis 1, 1971). The covariance of a centre 
 each pixel on it. How strong the noise is the marker's own residuals say; but correlated noise has few independent
 pieces in a window. Where markers do not differ by more than such chance (the variance of e^T Q e, 2 tr (Q C)^2), the
 frame says it.
-
-All correlations are products of one over rows and one over columns, so that C f is two small matrix products.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.detection.template.forms import PARTS, expectations, forms_of, tables_of
+from windmark.detection.template.stripes import no_stripes, of_stripes, unsure, with_stripes
+
 Array = NDArray[np.float64]
 
-LENGTHS_PX = (0.5, 0.8, 1.2, 1.8, 2.7)  # standard deviations of filters on white noise: correlation exp(-d^2 / (4 l^2))
-PARTS = 3 + len(LENGTHS_PX)  # white, columns, rows, lengths
 EVIDENCE = 0.7  # constant correlations are believed where they leave less than this of the misfit of proportional ones
 OUTVOTED = 3.0  # a marker's residuals count at most so many times the median: a line or a bent background is no noise
+COLUMNS, SHARE = slice(1, 3), 0.05  # columns and rows; of all strengths, from which they may be stripes
 TESTED = slice(1, 6)  # forms that hardly depend on the marker's shape: columns, rows, the shorter lengths
 UNLIKELY = 4.0  # noise is called white unless one of them differs by so many standard deviations
 SAME = 0.08  # ... or where that changes the variance of a centre by less
 OWN = 2.5  # chances by which a marker's residuals may be above the frame's before they are its own
-NOTHING = 1e-12  # a correlation: what is nearly 0 but not quite makes products ten times as slow
 DIFFER = 3.0  # standard deviations of the markers' scatter by which they differ by more than chance
 
 
@@ -57,6 +55,7 @@ class FrameNoise:
         where noise is white or the markers differ by more: each marker's own residuals count
     usual : mean residual variance of the clean markers over `curve`, which is made without the largest
     odd : of white noise, variance of a centre over what least squares makes it from the residuals (`template.odd`)
+    stripes : (2, K) relative strengths of vertical and of horizontal stripes of each of `stripes.frequencies`
     """
 
     curve: Array
@@ -67,6 +66,7 @@ class FrameNoise:
     chance: float = 0.0
     usual: float = 1.0
     odd: float = 1.0
+    stripes: Array = field(default_factory=no_stripes)
 
     @staticmethod
     def white(sigma: float) -> FrameNoise:
@@ -76,7 +76,7 @@ class FrameNoise:
     @property
     def is_white(self) -> bool:
         """Whether the usual covariance of least squares holds, but for the factor `odd`."""
-        return not (self.constant[1:].any() or self.paint.any())
+        return not (self.constant[1:].any() or self.paint.any() or self.stripes.any())
 
     def variance(self, level: ArrayLike) -> Array:
         """Residual variance to be expected at grey levels."""
@@ -99,8 +99,8 @@ class FrameNoise:
         """Covariance (B, 2, 2) of the centres of fits with images `Batch.images` and residual variances (B,)."""
         bright = brightness(images)
         pixels = np.maximum((bright != 0).sum((1, 2)), 1)
-        total = self.constant.sum() + self.paint.sum() * (bright**2).sum((1, 2)) / pixels
-        cov = _of_centres(images, self.constant, self.paint)
+        total = self.constant.sum() + self.stripes.sum() + self.paint.sum() * (bright**2).sum((1, 2)) / pixels
+        cov = _of_centres(images, self.constant, self.paint) + of_stripes(images[:, :2], self.stripes)
         return np.asarray(cov * (variance / (self.kept * total))[:, None, None])
 
 
@@ -109,7 +109,7 @@ def _of_centres(images: Array, constant: Array, paint: Array) -> Array:
     influence, bright = images[:, :2], brightness(images)
     cov = np.zeros((len(images), 2, 2))
     for strengths, weighted in ((constant, influence), (paint, influence * bright[:, None])):
-        for strength, (rows, columns) in zip(strengths, _tables(images.shape[-1]), strict=True):
+        for strength, (rows, columns) in zip(strengths, tables_of(images.shape[-1]), strict=True):
             if strength > 0.0:
                 cov += strength * np.einsum("kiab,kjab->kij", weighted, rows @ weighted @ columns)
     return cov
@@ -133,44 +133,78 @@ def frame_noise(images: Array, jacobian: Array, variance: Array, level: Array, m
     """
     curve = _transfer(variance, level)
     residual = images[:, 2] / np.sqrt(variance)[:, None, None]
-    used, tables = (images[:, 3] != 0).astype(float), _tables(images.shape[-1])
+    used, tables = (images[:, 3] != 0).astype(float), tables_of(images.shape[-1])
     pixels = used.sum((1, 2))
-    each, plain = _limited(_forms(residual * used) / pixels), FrameNoise(curve, np.eye(PARTS)[0], np.zeros(PARTS), 1.0)
+    each = _limited(forms_of(residual * used) / pixels)
+    plain = FrameNoise(curve, np.eye(PARTS)[0], np.zeros(PARTS), 1.0)
     # Whether it is white the first forms say, and what white noise makes of them: the rest is asked where it is not.
     forms = each.mean(axis=1)
-    expected = _expectations([used[0]], tables, jacobian, float(pixels[0]), TESTED.stop)[0]
+    expected = expectations([used[0]], tables, jacobian, float(pixels[0]), TESTED.stop)[0]
     unlike = np.abs(forms[: TESTED.stop] - expected[:, 0] * forms[0] / expected[0, 0])[TESTED]
     if (unlike < UNLIKELY * each[TESTED].std(axis=1) / np.sqrt(len(images))).all():
         return plain
+    bright = brightness(images)
+    parts = _components(residual, used, bright, np.abs(np.sign(images[:, 3]) - bright), each, jacobian, multiplicative)
+    constant, paint, stripes = parts.constant, parts.paint, parts.stripes
+    total = constant.sum() + stripes.sum() + paint.sum() * float((bright[0] ** 2).sum() / pixels[0])
+    kept = parts.once * pixels[0] / (pixels[0] - len(jacobian)) / total
+    grain = np.where(np.arange(PARTS) < 3, 0.0, paint)
+    of_grain, of_all = _of_centres(images, np.zeros(PARTS), grain), _of_centres(images, constant, paint)
+    of_all += of_stripes(images[:, :2], stripes)
+    texture = [np.trace(cov, axis1=1, axis2=2).sum() for cov in (of_grain, of_all)]
+    found = FrameNoise(curve, constant, paint, kept, float(texture[0] / texture[1]), stripes=stripes)
+    chance = float(np.sqrt(2.0 * parts.twice / pixels[0]) / parts.once)
+    ratio = variance / found.variance(level)
+    if np.log(ratio).std() < chance * np.sqrt(1.0 + DIFFER * np.sqrt(2.0 / len(ratio))):
+        found = replace(found, chance=chance, usual=float(ratio.mean()))
+    size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
+    alike = not stripes.any() and abs(size_of[0] - size_of[1]) < SAME * size_of[1]  # of stripes it is no circle
+    return plain if alike else found
+
+
+@dataclass(frozen=True)
+class _Components:
+    """Strengths of the parts as `FrameNoise` has them, and tr Q C Q and tr (Q C Q)^2 per pixel: what the sum of squared
+    residuals is, and its variance.
+    """
+
+    constant: Array
+    paint: Array
+    stripes: Array
+    once: float
+    twice: float
+
+
+def _components(
+    residual: Array, used: Array, bright: Array, contrast: Array, each: Array, jacobian: Array, multiplicative: bool
+) -> _Components:
+    """Strengths of the parts by the forms of residuals, ``each`` the unweighted ones (PARTS, B) of the markers."""
     from scipy.optimize import nnls  # a twentieth of the time of a first picture, whose noise is white as a rule
 
-    bright = brightness(images)
-    contrast = np.abs(np.sign(images[:, 3]) - bright)
-    each = np.concatenate([each, *(_limited(_forms(residual * w) / pixels) for w in (bright, contrast))])
+    pixels, weights = used.sum((1, 2)), [used[0], bright[0], contrast[0]]
+    each = np.concatenate([each, *(_limited(forms_of(residual * w) / pixels) for w in (bright, contrast))])
     forms = each.mean(axis=1)
-    expected, size = _expectations([used[0], bright[0], contrast[0]], tables, jacobian, float(pixels[0]))
+    expected, size = expectations(weights, tables_of(residual.shape[-1]), jacobian, float(pixels[0]))
     scaled, target = expected / size[:, None], forms / size
     unit = np.linalg.norm(scaled, axis=0)
-    lengths, best, misfit = list(range(3, PARTS)), np.zeros(2 * PARTS), np.inf
+    lengths, best, misfit, parts = list(range(3, PARTS)), np.zeros(2 * PARTS), np.inf, list[int]()
     paint = [0, 1, 2, PARTS, *(PARTS + k for k in lengths)] if multiplicative else list(range(PARTS))
     for family, trust in ((paint, 1.0), (list(range(PARTS)), EVIDENCE)):
         strengths = np.zeros(2 * PARTS)
         strengths[family], left = nnls((scaled / unit)[:, family], target)
         if left < trust * misfit:
-            best, misfit = strengths / unit, left
-    total = best[:PARTS].sum() + best[PARTS:].sum() * float((bright[0] ** 2).sum() / pixels[0])
-    kept = float(expected[0] @ best) * pixels[0] / (pixels[0] - len(jacobian)) / total
-    grain = np.where(np.arange(PARTS) < 3, 0.0, best[PARTS:])
-    texture = [np.trace(_of_centres(images, *c), axis1=1, axis2=2).sum()
-               for c in ((np.zeros(PARTS), grain), (best[:PARTS], best[PARTS:]))]  # fmt: skip
-    found = FrameNoise(curve, best[:PARTS], best[PARTS:], kept, float(texture[0] / texture[1]))
-    # tr (Q C Q)^2 and tr Q C Q, of which the variance of the residuals' sum of squares is made.
-    chance = float(np.sqrt(2.0 * best @ expected[: 2 * PARTS] @ best / pixels[0]) / (expected[0] @ best))
-    ratio = variance / found.variance(level)
-    if np.log(ratio).std() < chance * np.sqrt(1.0 + DIFFER * np.sqrt(2.0 / len(ratio))):
-        found = replace(found, chance=chance, usual=float(ratio.mean()))
-    size_of = [np.trace(noise.covariance(images[:1], variance[:1])[0]) for noise in (found, plain)]
-    return plain if abs(size_of[0] - size_of[1]) < SAME * size_of[1] else found
+            best, misfit, parts = strengths / unit, left, family
+    off = np.abs(expected[:PARTS] @ best - forms[:PARTS])
+    across = each[1] - each[2]  # alike where nothing tells columns from rows
+    striped = abs(across.mean()) > UNLIKELY * across.std() / np.sqrt(len(across))
+    asked = best[COLUMNS] > SHARE * best.sum()
+    if asked.any() and (striped or (off > UNLIKELY * unsure(each[:PARTS])).any()):
+        found = with_stripes(residual, used, jacobian, weights, each, expected, best, parts, asked)
+        if found is not None:
+            (best, stripes), *squares = found
+            return _Components(best[:PARTS], best[PARTS:], stripes, *squares)
+    squares = [float(expected[0] @ best), float(best @ expected[: 2 * PARTS] @ best)]
+    return _Components(best[:PARTS], best[PARTS:], no_stripes(), *squares)
 
 
 def _limited(forms: Array) -> Array:
@@ -191,55 +225,3 @@ def _transfer(variance: Array, level: Array) -> Array:
         ratio = variance / np.maximum(design @ curve, 1e-300)
         good = ratio < 2.0 * max(1.0, float(np.median(ratio[good])))
     return np.asarray(curve)
-
-
-def _forms(images: Array) -> Array:
-    """Quadratic forms (PARTS, B) of images (B, S, S), one for each of `_tables`; to 1e-6: chance moves them by 1e-2."""
-    count, size = images.shape[:2]
-    rows = images.astype(np.float32).reshape(-1, size)
-    turned = np.ascontiguousarray(rows.reshape(images.shape).swapaxes(1, 2)).reshape(count, -1)
-    out = [np.square(images).sum((1, 2)), np.square(images.sum(1)).sum(1), np.square(images.sum(2)).sum(1)]
-    for _, table in _tables(size)[3:]:
-        along = table.astype(np.float32)
-        half = np.ascontiguousarray((rows @ along).reshape(images.shape).swapaxes(1, 2))
-        out.append(np.einsum("ka,ka->k", (half.reshape(-1, size) @ along).reshape(count, -1), turned))
-    return np.array(out, dtype=np.float64)
-
-
-@cache
-def _tables(size: int) -> tuple[tuple[Array, Array], ...]:
-    """Correlations (S, S) along columns and along rows of pixels: white, columns, rows, then `LENGTHS_PX`."""
-    gap2 = (np.arange(size)[:, None] - np.arange(size)[None, :]) ** 2
-    alone, together = np.eye(size), np.ones((size, size))
-    lengths = [np.exp(-gap2 / (4.0 * length**2)) for length in LENGTHS_PX]
-    lengths = [np.where(t > NOTHING, t, 0.0) for t in lengths]
-    return (alone, alone), (together, alone), (alone, together), *((t, t) for t in lengths)
-
-
-def _expectations(
-    weights: list[Array], tables: tuple[tuple[Array, Array], ...], jacobian: Array, pixels: float, count: int = PARTS
-) -> tuple[Array, Array]:
-    """Expectations (forms, parts) of the forms per pixel for each part of strength 1, and the forms' own size.
-
-    Of each weight the first `count` of the tables make forms; the first two weights, parts. To 1e-6, as the forms.
-
-    With S = w T w and C = v T' v: tr(S Q C Q) = tr(S C) - 2 tr(U^T S C U) + tr(U^T S U U^T C U), and
-    tr(S C) = (w v)^T (T * T') (w v) because T * T' is again a correlation along columns times one along rows.
-    """
-    shape = jacobian.shape
-    basis = np.linalg.qr(jacobian.reshape(shape[0], -1).T)[0].T.reshape(shape).astype(np.float32)
-    weights = [w.astype(np.float32) for w in weights]
-    rows, columns = np.array(tables[:count], dtype=np.float32).swapaxes(0, 1)
-    parts = count * len(weights[:2])
-    sandwich = np.concatenate([w * (rows[:, None] @ (w * basis) @ columns[:, None]) for w in weights])
-    inner = np.einsum("iab,fjab->fij", basis, sandwich, optimize=True)
-    flat = sandwich.reshape(len(sandwich), -1)
-    out = np.tensordot(inner, inner[:parts].swapaxes(1, 2), axes=((1, 2), (1, 2))) - 2.0 * flat @ flat[:parts].T
-    a, b = np.triu_indices(count)
-    both_rows, both_columns, block = rows[a] * rows[b], columns[a] * columns[b], np.empty((count, count))
-    for i, w in enumerate(weights):
-        for j, v in enumerate(weights[:2]):
-            block[a, b] = block[b, a] = ((w * v) * (both_rows @ (w * v) @ both_columns)).sum((1, 2))
-            out[i * count : (i + 1) * count, j * count : (j + 1) * count] += block
-    size = np.concatenate([np.sqrt((w**2 * (rows**2 @ w**2 @ columns**2)).sum((1, 2))) for w in weights])
-    return np.asarray(out, np.float64) / pixels, np.asarray(size, np.float64) / pixels

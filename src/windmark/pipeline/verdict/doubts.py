@@ -15,6 +15,8 @@ STEPS = {
     "picture": "see that this picture is of this camera and moment, its focus and its labels; else leave it out",
     "mixed": "give each camera its own pictures (--images-of NAME=PATTERN, or the column camera of a table of matches)"
     "; of one camera: lock focus and zoom, do not cut pictures",
+    "scene": "take all pictures of one state (no load or wind that changes, nothing loose), or reconstruct each state "
+    "from its own pictures",
     "sheared": "hold the camera still (a rolling shutter reads one row after the other), its stabiliser off, and take "
     "the pictures as it stores them: no program may straighten or scale them",
     "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",

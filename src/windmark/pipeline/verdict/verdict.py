@@ -28,6 +28,7 @@ CAUSES = {
     "grid": "a grid that is not where the markers are",
     "lamps": "lamps that are not where they should be",
     "mixed": "pictures of two cameras under one name",
+    "scene": "a scene that changed between the pictures",
     "focus": "pictures of which nothing checks that they have one focus",
     "sheared": "pictures that are sheared or stretched against each other",
     "focal": "a focal length that does not fit",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from windmark.calibration import Calibration
+from windmark.calibration.changed_scene import CAUSE as SCENE
 from windmark.calibration.view_changes import MATTERS
 from windmark.errors import g1, g2, g3
 from windmark.geometry import Camera
@@ -31,17 +32,19 @@ class OtherCamera:
     shown, doubts : cameras that are others, and each in words
     calibration : without the doubts that another camera explains
     unchecked : what a camera that goes unnoticed would do, in words; "" where that is little, or one is doubted
+    scene : the scene changed between the pictures, whatever the camera: nothing is asked of that then
     """
 
     shown: tuple[Shown, ...]
     doubts: tuple[Doubt, ...]
     calibration: Calibration
     unchecked: str = ""
+    scene: bool = False
 
     @property
     def may_be_focal(self) -> bool:
         """Whether a focal length may be what is wrong of a camera, or nothing was found to be."""
-        return not self.shown or any(FOCAL in s.all for s in self.shown)
+        return not self.scene and (not self.shown or any(FOCAL in s.all for s in self.shown))
 
 
 def judged(task: Task, structure: Structure, done: Calibration, **frame: Any) -> OtherCamera:
@@ -49,6 +52,9 @@ def judged(task: Task, structure: Structure, done: Calibration, **frame: Any) ->
     of, unit = freed(task, structure, **frame), task.primary.length_unit
     if of is None:
         return OtherCamera((), (), done)
+    if all(any(d.cause == SCENE for d in result.doubts) for result in (done, of.result)):
+        # With another camera it did, too: what that camera seems to explain is the change.
+        return OtherCamera((), (), done, scene=True)
     left = {(d.cause, d.names) for d in of.result.doubts}
     gone = [d for d in done.doubts if (d.cause, d.names) not in left]
     shift, times = interior.moved(of, done)

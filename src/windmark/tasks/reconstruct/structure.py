@@ -206,4 +206,4 @@ def _markers(structure: Structure, names: Sequence[str] | None, table: MarkerSet
         for k, m in enumerate(table.name):
             if str(m) in row:
                 xyz[row[str(m)]], sigma[row[str(m)]] = table.xyz[k], table.sigma[k]
-    return MarkerSet.make(name, xyz, sigma=sigma)
+    return MarkerSet.make(name, xyz, sigma=sigma, length_unit="" if table is None else table.length_unit)

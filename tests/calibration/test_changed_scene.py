@@ -1,0 +1,81 @@
+"""A scene that changed between the pictures is the reason, and no focal length is; and what is no such change."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from windmark.calibration import Calibration, Free, self_calibrate
+from windmark.geometry import Camera, Pose
+from windmark.scene import MarkerSet, Observations, View
+
+CAMERA = Camera((1600, 1200), 1500.0, cx=805.0, cy=590.0, k1=-0.1)
+
+
+def calibrated(change=None, *, first=5, views=10, cameras=None, seed=1):
+    """10 pictures of 40 markers from all sides, whose places ``change`` makes others from the ``first`` picture on."""
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform(-1, 1, (40, 3)) * [200, 150, 20]
+    later = xyz if change is None else change(xyz)
+    xy = []
+    for k in range(views):
+        turn = 2.4 * k
+        eye = [320 * np.cos(turn), 320 * np.sin(turn), 700 + 30 * (k % 3)]
+        pose = Pose.look_at(eye, [0, 0, 0], [np.cos(1.3 * k), np.sin(1.3 * k), 0])
+        camera = CAMERA if cameras is None else cameras(k)
+        xy.append(camera.project(pose.apply(later if k >= first else xyz))[0])
+    view, point = np.divmod(np.arange(40 * views), 40)
+    marks = np.concatenate(xy) + rng.normal(0, 0.05, (len(view), 2))
+    observations = Observations(view, point, marks, np.tile(0.0025 * np.eye(2), (len(view), 1, 1)))
+    names = [f"m{k:02d}" for k in range(40)]
+    markers = MarkerSet.make(names, xyz + rng.normal(0, 1.0, xyz.shape), length_unit="mm")
+    shown = [View(f"v{k}") for k in range(views)]
+    result = self_calibrate(observations, markers, {"camera": CAMERA}, shown, datum=Free(), free=())
+    assert isinstance(result, Calibration)
+    return result
+
+
+def bent(size):
+    return lambda xyz: xyz + np.column_stack([np.zeros((len(xyz), 2)), size * (xyz[:, 0] / 200 + 1) ** 2 / 4])
+
+
+@pytest.mark.parametrize(("first", "views", "size"), [(5, 10, 1.0), (2, 6, 2.0)])
+def test_a_model_that_bent_is_named_and_between_which_pictures(first, views, size):
+    """By 1 mm at the tip, of which two thirds are a motion of all: the residuals grow by 14 %."""
+    result = calibrated(bent(size), first=first, views=views)
+    (doubt,) = (d for d in result.doubts if d.cause != "focus")
+    assert doubt.cause == "scene"
+    assert doubt.names[:2] == (f"v{first}", f"v{first - 1}")
+    assert " mm (rms)" in str(doubt)
+    assert result.sigma0 < 1.6
+
+
+def test_so_is_a_part_that_moved():
+    def moved(xyz):
+        return xyz + np.where(xyz[:, :1] > 50, [[0.0, 0.15, 0.1]], 0.0)
+
+    assert [d.cause for d in calibrated(moved).doubts if d.cause != "focus"] == ["scene"]
+
+
+def test_a_model_that_moved_as_a_whole_did_not_change():
+    """Every picture has a pose of its own."""
+    turn = Pose.from_rotvec([0.0, 0.0, 0.02], [3.0, 0.0, 1.0])
+    assert not [d for d in calibrated(turn.apply).doubts if d.cause == "scene"]
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_nothing_is_said_of_a_scene_that_stayed(seed):
+    assert not [d for d in calibrated(seed=seed).doubts if d.cause == "scene"]
+
+
+def test_another_focus_of_the_later_pictures_is_no_change_of_the_scene():
+    other = replace(CAMERA, focal_px=1500.0 * 1.003)
+    causes = [d.cause for d in calibrated(cameras=lambda k: other if k >= 5 else CAMERA).doubts]
+    assert "scene" not in causes
+    assert causes
+
+
+def test_a_lens_that_is_not_the_given_one_is_no_change_of_the_scene():
+    """Its errors differ from picture to picture, in one division of them as in another."""
+    other = replace(CAMERA, k1=-0.11)
+    assert "scene" not in [d.cause for d in calibrated(cameras=lambda _: other).doubts]
