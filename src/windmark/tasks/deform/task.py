@@ -14,7 +14,7 @@ from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose
 from windmark.options.detection import MERIT_MAX, POLARITY
 from windmark.options.registration import MAX_DEFORMATION, MAX_TABLE_ERROR
-from windmark.scene import MarkerSet, Observations
+from windmark.scene import Doubt, MarkerSet, Observations
 
 Array = NDArray[np.float64]
 Image = NDArray[np.generic]
@@ -213,6 +213,7 @@ class DeformedFrame:
     views : names of the cameras, in the order of ``observations.view``
     seconds : wall time from the images to the deformation
     cameras : camera -> what it saw
+    series : what all frames so far say together against the results
     """
 
     index: int
@@ -225,3 +226,4 @@ class DeformedFrame:
     views: tuple[str, ...] = ()
     seconds: float = 0.0
     cameras: Mapping[str, Sight] = field(default_factory=dict)
+    series: tuple[Doubt, ...] = ()
