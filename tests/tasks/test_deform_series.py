@@ -58,7 +58,7 @@ def places(size=0.0, shift=(0, 0, 0), turn=0.0, bent=None):
     return np.where(WALL[:, None], MARKERS.xyz, moved)
 
 
-def followed(states, test, seed, *, late=0, series=None, shots=(), first=0):
+def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=0):
     """Frames of states (places), the second camera ``late`` frames behind; the series and the states of the frames."""
     rng, before, out = np.random.default_rng(seed), None, []
     series = Series.of(test) if series is None else series
@@ -74,7 +74,8 @@ def followed(states, test, seed, *, late=0, series=None, shots=(), first=0):
         assert isinstance(answer, Deformation), answer.reason
         if k >= first:
             between = {"cam2": shots} if shots else {}
-            series = series.plus(kept[-1], FrameImages(str(k), float(k), {}, shots=between))
+            odd = any(d.cause in ("moved", "picture") for d in answer.doubts)
+            series = series.plus(kept[-1], FrameImages(str(key + k), float(key + k), {}, shots=between), odd=odd)
         before = answer
         out.append(series.judged(answer))
     return series, out
@@ -123,9 +124,78 @@ def test_a_camera_that_stands_a_little_off_is_not_late():
     assert not series.doubts
 
 
+def test_a_camera_that_was_pushed_once_is_not_late():
+    test, states = made(), plunge(0.1)
+    series = Series.of(test)
+    for k in range(4, 9):  # pushed before the fifth frame, and by the last one that is followed
+        first, second = test.stations
+        pushed = replace(second, cam_from_tunnel=Pose.exp(np.array([2e-4, 0, 0, 0, 0, 0])) @ second.cam_from_tunnel)
+        series, _ = followed(states[:5], test, k)
+        series, _ = followed(states[5:6], replace(test, stations=(first, pushed)), k, series=series, key=5)
+        assert not any(d.cause == "late" for d in series.doubts)
+
+
 def test_spots_between_two_pictures_tell_no_lateness():
     series, _ = followed(plunge(0.1), made(), 1, late=1, shots=(Shot(0.0, None), Shot(1.0, None)))
     assert not series.doubts
+
+
+ALONG = np.maximum(MARKERS.xyz[:, 1] - 60, 0)[:, None] / 540 * (MARKERS.volume == "wing")[:, None]
+ROOT, COURSE = ALONG * [0, 0, 0.2], ALONG**2 * (1 - ALONG) * [0, 0, 0.3]
+
+
+def windy(count, bent):
+    """Two frames without wind, then such of one state with it."""
+    return [places()] * 2 + [places(3.0, (0.5, 0.2, 1.0), 0.1, bent)] * count
+
+
+@pytest.mark.parametrize("bent", [ROOT, COURSE], ids=["root", "course"])
+def test_what_a_law_lacks_in_all_frames_is_named_where_no_frame_tells_it_and_the_sigmas_have_it(bent):
+    test, states = made(wind_off=("0", "1")), windy(6, bent)
+    series, found = followed(states, test, 1)
+    (doubt,) = series.doubts
+    assert (doubt.cause, doubt.names) == ("bent", ("wing",))
+    assert "is left over of wing in 6 frames together: it looks like" in str(doubt)
+    assert not any(d.cause == "bent" for d in found[2].doubts)
+    last, at = found[-1], np.flatnonzero(~WALL)
+    assert doubt in last.doubts
+    by_itself, at_last = (sigmas_off(state, states[-1])[at] for state in (found[2], last))
+    assert np.abs(by_itself).max() > 5
+    assert np.abs(at_last[:, 2]).max() < 3
+    assert np.abs(at_last).max() < 5
+
+
+def sigmas_off(state, place):
+    """(N, 3) how far all markers are from where they are, in their sigmas."""
+    moved, cov = state.markers_displaced()
+    return (moved - (place - MARKERS.xyz)) / np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_law_that_can_do_what_the_model_does_is_not_too_simple(seed):
+    series, found = followed(windy(6, None), made(wind_off=("0", "1")), seed)
+    assert not series.doubts
+    assert not any(state.doubts for state in found)
+
+
+def test_what_is_there_without_wind_as_well_is_no_law():
+    """What wind-off frames show was put into the markers' places: it is what they are not known better."""
+    test = made(wind_off=tuple("01234567"))
+    series, found = followed(windy(6, ROOT), test, 1)
+    assert not any("together" in str(d) for state in found for d in state.doubts)
+    unsure = made(marker_cov=np.tile(0.04 * np.eye(3), (len(MARKERS), 1, 1)))
+    rng = np.random.default_rng(5)
+    off = 0.2 * rng.standard_normal(MARKERS.xyz.shape)
+    series, _ = followed([s + off for s in windy(6, None)], unsure, 5)
+    assert not series.doubts
+
+
+def test_a_series_that_is_gone_on_with_holds_what_is_left():
+    test, states = made(wind_off=("0", "1")), windy(5, COURSE)
+    whole, _ = followed(states, test, 1)
+    part = loaded(dumped(followed(states[:4], test, 1)[0].without(), {}), {})
+    again, _ = followed(states, test, 1, series=part, first=4)
+    assert [str(d) for d in again.doubts] == [str(d) for d in whole.doubts] != []
 
 
 def test_without_a_sigma_of_the_table_nothing_is_said_of_a_series():

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 FALSE = 2.5e-4
 """Probability that a camera in step with the others is called late."""
+MOVED = 2
+"""Instants in which the model moves that are needed: in one a camera that was pushed looks the same."""
 BESIDE = 8.0
 """Least sum of squares that lateness explains beside poses that are off by the same in all instants: of chance, in one
 of 200 series. A pose that is a little off is common, and looks much the same where the model moves steadily."""
@@ -51,12 +53,12 @@ class Late:
         return Doubt((name,), f"pictures of {{}} are {g2(abs(self.value))} ± {g1(self.sigma)} frames {side} than those "
                      f"of {_escaped(of)}, by all frames together", "late")  # fmt: skip
 
-    def covariance(self, instant: Instant) -> Array:
-        """(F, F) of what is free in an instant: by how much it is off, whichever camera is the one in time."""
-        size = self.value**2 + self.sigma**2
+    def shifts(self, instant: Instant) -> Array:
+        """(F, k) by how much what is free in an instant is off, 1 sigma, whichever camera is the one in time."""
+        size = float(np.hypot(self.value, self.sigma))
         # Of two cameras either may be late, and the instant is that of the other.
-        views = range(2) if len(self.views) == 2 else (self.which,)
-        return np.asarray(sum(size * np.outer(instant.follow[:, v], instant.follow[:, v]) for v in views))
+        views = [0, 1] if len(self.views) == 2 else [self.which]
+        return size * instant.follow[:, views]
 
 
 def _escaped(name: str) -> str:
@@ -65,7 +67,7 @@ def _escaped(name: str) -> str:
 
 def lateness(evidence: Evidence, place_cov: Array | None) -> Late | None:
     """The camera that the series shows at another time than the others; None where none is."""
-    if len(evidence.views) < 2:
+    if len(evidence.views) < 2 or evidence.moved < MOVED:
         return None
     one, none, best = np.array([0]), evidence.poses[:0], (0.0, 0, 0.0, 0.0)
     for v in evidence.late:
@@ -73,7 +75,9 @@ def lateness(evidence: Evidence, place_cov: Array | None) -> Late | None:
         if rank and test > best[0]:
             best = (test, int(v), float(value[0]), float(np.sqrt(cov[0, 0])))
     test, which, value_, sigma = best
-    if chance(test, 1, evidence.chi2, evidence.redundancy) >= FALSE / len(evidence.views):
+    if chance(test, 1, *evidence.beside(test)) >= FALSE / len(evidence.views):
+        return None
+    if evidence.alone[which] > 2 * test:  # not the same in all of them: it moved once
         return None
     if len(evidence.views) == 2 and value_ < 0:
         which, value_ = 1 - which, -value_  # the other way round it is the same

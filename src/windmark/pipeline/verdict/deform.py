@@ -59,9 +59,14 @@ def deform_verdict(
 
 
 def _together(records: Sequence[FrameRecord]) -> list[Finding]:
-    """What all frames say together, as the last one of them knows it."""
+    """What all frames say together, as the last one of them knows it, and which of them have it in their sigmas."""
     tried = [r for r in records if r.status not in NOT_TRIED]
-    return [as_finding(words, cause) for cause, words in tried[-1].series] if tried else []
+    out = []
+    for cause, words in tried[-1].series if tried else ():
+        since = next((k for k in range(len(tried), 0, -1) if cause not in dict(tried[k - 1].series)), 0)
+        more = f"; sigmas contain it from frame {tried[since].key} on" if since else ""
+        out.append(as_finding(words + more, cause))
+    return out
 
 
 def _followed(record: FrameRecord, told: Collection[str]) -> Followed:

@@ -20,7 +20,7 @@ from windmark.scene.repeated import ONCE_MORE
 from windmark.tasks.deform.between import Shots, open_shots
 from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
-from windmark.tasks.deform.series import Series
+from windmark.tasks.deform.series import OF_ONE_INSTANT, Series
 from windmark.tasks.deform.sights import Usual, once_more, print_of, sight
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
 from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
@@ -147,7 +147,7 @@ class _Follower:
                 if found is not None:
                     troubles.append(f"labelled by the spots nearest to the last good frame's: {why}")
         if found is None:
-            doubts = self._together(frame, refused=True)
+            doubts = self._together(frame)
             reason = "; ".join([*map(str, doubts), *troubles, *([why] if why else [])]) or "no image"
             return DeformedFrame(
                 index, frame.key, frame.instant, "lost", reason, None, seconds=job_time() - start,
@@ -160,7 +160,7 @@ class _Follower:
         self._usual.forget_odd(labelled, state.used)
         sights = self._sights(frame, images, bad, labelled, state)
         troubles += [f"{n}: {s.reason}" for n, s in sights.items() if ONCE_MORE in s.reason]
-        doubts = self._together(frame, again=any(ONCE_MORE in s.reason for s in sights.values()))
+        doubts = self._together(frame, state, again=any(ONCE_MORE in s.reason for s in sights.values()))
         self._remember(state, labelled, errors, frame.instant, status)
         troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]
         self._usual.learn(images, self._test, labelled, sights, anew=status == "cold")
@@ -170,16 +170,19 @@ class _Follower:
             job_time() - start, sights, doubts,
         )  # fmt: skip
 
-    def _together(self, frame: FrameImages, *, refused: bool = False, again: bool = False) -> tuple[Doubt, ...]:
+    def _together(
+        self, frame: FrameImages, state: Deformation | None = None, *, again: bool = False
+    ) -> tuple[Doubt, ...]:
         """Add a frame to what all of them say together; what that is.
 
-        A frame that was ``refused`` counts where a camera was called moved, which one that is late looks like; one with
-        a picture that is there ``again`` does not.
+        A frame that was refused counts where a camera was called moved, which one that is late looks like; one with a
+        picture that is there ``again`` does not.
         """
         if self._series is None:
             return ()
-        solved = None if again or (refused and not self._moved) else self._solved
-        self._series = self._series.without() if solved is None else self._series.plus(solved, frame)
+        solved = None if again or (state is None and not self._moved) else self._solved
+        odd = state is None or any(d.cause in OF_ONE_INSTANT for d in state.doubts)
+        self._series = self._series.without() if solved is None else self._series.plus(solved, frame, odd=odd)
         return self._series.doubts
 
     def _sights(

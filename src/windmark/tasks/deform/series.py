@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation
+from windmark.deformation.equations import Equations
 from windmark.deformation.evidence import Evidence, Instant, instant_of
+from windmark.deformation.lasting import Lasting, lasting
 from windmark.deformation.late import Late, lateness
+from windmark.deformation.misfit import Misfit
+from windmark.deformation.patterns import fields_of
 from windmark.deformation.solve import Solved
 from windmark.scene import Doubt
 from windmark.tasks.deform.task import DeformationTest, FrameImages
@@ -26,17 +30,25 @@ class Series:
 
     Parameters
     ----------
-    evidence : what they say together
+    views : the cameras
+    wind_off : names of the frames that the markers' places are of
+    evidence : what they say together; None before the first one
+    with_wind : how many of them are others than these
     place, instant : where the markers were in the tunnel at the last of them, (N, 3), and when that was
     last : what the last one says; None where nothing was added
     late : the camera that all of them show at another time than the others
+    lasting : what the laws lack in all of them alike
     """
 
-    evidence: Evidence
+    views: tuple[str, ...]
+    wind_off: tuple[str, ...] = ()
+    evidence: Evidence | None = None
+    with_wind: int = 0
     place: Array | None = None
     instant: float = 0.0
     last: Instant | None = None
     late: Late | None = None
+    lasting: Lasting | None = None
 
     @staticmethod
     def of(test: DeformationTest) -> Series | None:
@@ -44,21 +56,29 @@ class Series:
         model = test.markers.role != "wall"
         if test.marker_cov is None and not np.isfinite(test.markers.sigma[model]).all():
             return None
-        return Series(Evidence.none(tuple(s.name for s in test.stations), len(test.markers)))
+        return Series(tuple(s.name for s in test.stations), test.wind_off)
 
-    def plus(self, solved: Solved, frame: FrameImages) -> Series:
-        """One frame more.
+    def plus(self, solved: Solved, frame: FrameImages, *, odd: bool = False) -> Series:
+        """One frame more; ``odd``: a camera contradicts the others in it, so that nothing tells what the laws lack.
 
         Spots between two pictures are where they were at the instant already: of such frames nothing tells lateness.
         """
-        moving, cov = None, solved.task.place_cov
-        if self.place is not None and not frame.shots:
-            moving = (solved.task.tunnel_place(solved.values) - self.place) / (frame.instant - self.instant)
-        instant = instant_of(solved, self.evidence.views, moving)
-        if instant is None:
+        if solved.redundancy < 1:
             return self.without()
-        evidence = self.evidence.plus(instant, cov)
-        return Series(evidence, instant.place, frame.instant, instant, lateness(evidence, cov))
+        equations, moving, cov = Equations(solved), None, solved.task.place_cov
+        wind_off = frame.key in self.wind_off
+        if self.place is not None and not frame.shots and not wind_off:
+            moving = (solved.task.tunnel_place(solved.values) - self.place) / (frame.instant - self.instant)
+        still = odd or wind_off
+        instant = instant_of(equations, self.views, moving, still)
+        evidence = self.evidence if self.evidence is not None else Evidence.none(self.views, solved.task.placed)
+        evidence, count = evidence.plus(instant, cov), self.with_wind + (not still)
+        late, left = lateness(evidence, cov), None
+        if late is None:  # what a late camera leaves over looks like much else
+            left = self.lasting if still else lasting(evidence, instant, equations, count)
+        return Series(
+            self.views, self.wind_off, evidence, count, instant.place, frame.instant, instant, late, left,
+        )  # fmt: skip
 
     def without(self) -> Series:
         """The frames so far without what the last one says by itself; all that a frame hands on that says nothing."""
@@ -67,24 +87,55 @@ class Series:
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """What is to be said of the series."""
-        return () if self.late is None else (self.late.doubt,)
+        if self.late is not None:
+            return (self.late.doubt,)
+        return () if self.lasting is None else self.lasting.doubts
 
     def judged(self, state: Deformation) -> Deformation:
         """The state of the last frame with what all of them say; the same where that is nothing."""
         if self.late is None:
-            return state
+            return self._with_what_is_left(state)
         kept = tuple(d for d in state.doubts if d.cause not in OF_ONE_INSTANT)
         doubts = (*self.doubts, *kept)
         names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
         cov = state.cov
         if self.last is not None:
-            cov = cov + _by_name(self.late.covariance(self.last), self.last.names, state.names)
+            off = _by_name(self.late.shifts(self.last), self.last.names, state.names)
+            cov = cov + off @ off.T
         return replace(state, cov=cov, doubts=doubts, suspect=names)
 
+    def _with_what_is_left(self, state: Deformation) -> Deformation:
+        """The state with what the laws lack in all frames, where it has not found that by itself."""
+        left, last = self.lasting, self.last
+        if left is None or last is None or self.evidence is None:
+            return state
+        if not last.follow[:, self.evidence.lacking].any():  # one without wind
+            return state
+        own = state.misfit
+        more = np.ones(len(left.which), bool) if own is None else ~np.isin(left.which, own.chosen)
+        said = {n for d in state.doubts if d.cause == "bent" for n in d.names}
+        doubts = (*state.doubts, *(d for d in left.doubts if not set(d.names) <= said))
+        follow = _by_name(last.follow[:, self.evidence.lacking[left.which[more]]], last.names, state.names)
+        fields = fields_of(state.placed)
+        if fields is None or not more.any():
+            return replace(state, doubts=doubts)
+        second = left.second[np.ix_(more, more)]
+        misfit = Misfit(fields.shapes, left.which[more], left.value[more], second, follow)
+        names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
+        return replace(
+            state, cov=state.cov + follow @ second @ follow.T, doubts=doubts, suspect=names,
+            misfit=misfit if own is None else _both(own, misfit),
+        )  # fmt: skip
 
-def _by_name(cov: Array, names: tuple[str, ...], wanted: tuple[str, ...]) -> Array:
-    """Covariance of some unknowns as that of others; 0 for those that are not among them."""
+
+def _both(a: Misfit, b: Misfit) -> Misfit:
+    """Two misfits of the same shapes that have no column in common."""
+    second = np.zeros((len(a.value) + len(b.value),) * 2)
+    second[: len(a.value), : len(a.value)], second[len(a.value) :, len(a.value) :] = a.second, b.second
+    return Misfit(a.shapes, np.r_[a.chosen, b.chosen], np.r_[a.value, b.value], second, np.c_[a.follow, b.follow])
+
+
+def _by_name(values: Array, names: tuple[str, ...], wanted: tuple[str, ...]) -> Array:
+    """(G, k) rows of some unknowns (F, k) as those of others; 0 for what is not among them."""
     own = {n: k for k, n in enumerate(names)}
-    at = np.array([own.get(n, -1) for n in wanted], dtype=np.int64)
-    there = at >= 0
-    return np.where(np.outer(there, there), cov[np.ix_(at, at)], 0.0)
+    return np.array([values[own[n]] if n in own else np.zeros(values.shape[1]) for n in wanted])

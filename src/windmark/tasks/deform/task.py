@@ -80,6 +80,7 @@ class DeformationTest:
     marker_cov : (N, 3, 3) covariance of the markers' places where images showed them, the paint's texture included (the
         wind-off zero); None takes their sigma and adds the texture
     look : how markers are looked for
+    wind_off : keys of the frames that ``marker_cov`` is from
     """
 
     stations: tuple[Station, ...]
@@ -89,6 +90,7 @@ class DeformationTest:
     visible: Visible | None = None
     marker_cov: Array | None = None
     look: LookOptions = field(default_factory=LookOptions)
+    wind_off: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = [s.name for s in self.stations]
