@@ -323,14 +323,14 @@ def test_a_series_that_somebody_looks_at_is_written_later(made, whole, windmark,
 
 
 def test_a_disk_that_is_really_full(made, windmark, tmp_path, monkeypatch):
-    """A limit on the size of files, below what the table of markers needs: the system refuses within a write."""
+    """A limit on the size of files, below what the journal needs: the system refuses within a write."""
     import resource
 
     out, beside = tmp_path / "out", tmp_path / ".windmark-out" / "new"
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
     def limited():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (90_000, 90_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (190_000, 190_000))
         done = windmark("deform", made / "deform-small.toml", "-o", out)
         (tmp_path / "said").write_bytes(b"")
         os.write(os.open(tmp_path / "said", os.O_WRONLY), done.err[:4000].encode())

@@ -8,7 +8,7 @@ from windmark.deformation.check import _change
 from windmark.deformation.lost import FALSE, QUARTER, _many
 from windmark.deformation.misfit import KINDS, MARKERS_PER_DEGREE, MOST_DEGREE, Shapes
 from windmark.deformation.parameter import Parameter
-from windmark.deformation.patterns import _looks, _second
+from windmark.deformation.patterns import _looks, second_moment
 from windmark.errors import UsageError
 
 LEGENDRE = [lambda u: 1 + 0 * u, lambda u: u, lambda u: (3 * u**2 - 1) / 2, lambda u: (5 * u**3 - 3 * u) / 2,
@@ -59,7 +59,7 @@ def test_few_markers_or_a_line_of_them():
 def test_what_is_lacking_is_as_large_as_it_was_found_of_any_course():
     value = np.array([3.0, 4.0, 0.0, 2.0, 0.5])
     expected = np.diag([25 / 3] * 3 + [4.25 / 2] * 2)
-    np.testing.assert_allclose(_second(value, np.array([3, 2])), expected)
+    np.testing.assert_allclose(second_moment(value, np.array([3, 2])), expected)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -415,6 +415,22 @@ def test_pictures_of_a_frame_long_before_are_doubted():
     assert "bit by bit" not in adjacent.reason
 
 
+def test_what_all_frames_say_together_is_doubted_as_the_last_one_knows_it():
+    six, none = np.zeros(6), np.zeros(0)
+    fine = DeformFrame(0, "0", 0.0, 0.0, "tracked", "", 0.1, 80, 0, 0.01, 1.0, none, none, six, six, none, none)
+    words = [f"pictures of cam2 are {n} frames later than those of cam1" for n in (1.2, 1.0)]
+    two = [replace(fine, index=40 + k, key=str(40 + k), series=(("late", w),), warnings=(w,), causes=("late",))
+           for k, w in enumerate(words)]  # fmt: skip
+    every = [replace(fine, index=k, key=str(k)) for k in range(40)]
+    left = replace(fine, index=42, key="42", status="left", reason="the run was ended")
+    verdict = deform_verdict([*every, *two, left])
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "late")
+    assert verdict.reason == f"{words[1]}; sigmas contain it from frame 40 on"
+    assert len(verdict.findings) == 1
+    assert "pair the cameras' pictures by time" in verdict.next_step
+    assert deform_verdict([*every, *two, replace(fine, index=43, key="43")]).word == GOOD  # later ones took it back
+
+
 def test_residuals_are_doubted_where_most_of_them_is_no_noise():
     doubts = (("noise", "residuals are 1.2 times as large as stated (sigma0)"),)
     point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0)

@@ -44,6 +44,7 @@ from windmark.pipeline.verdict import Verdict, rules
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.wanted import far_findings
+from windmark.tasks.deform.task import DeformationTest
 
 Record = dict[str, Any]
 
@@ -178,7 +179,7 @@ def summary(loaded: Loaded, sequence: Sequence) -> Record:
         if latency:
             record["median_latency_ms"] = 1e3 * float(np.median(latency))
         record["warnings"] = sentences(sequence, "warnings")
-        record["unchecked"] = sentences(sequence, "unchecked")
+        record["unchecked"] = dict.fromkeys(unwatched(loaded.test), len(good)) | sentences(sequence, "unchecked")
         record["suspect"] = dict(Counter(n for r in good for n in r.suspect))
         record["weak"] = list(weakest(loaded, sequence))
         last = good[-1]
@@ -206,6 +207,13 @@ def sentences(sequence: Sequence, which: str) -> dict[str, int]:
             first.setdefault(kind, f"frame {row.key}: {words}")
         count.update(kinds.keys())
     return {first[kind]: n for kind, n in count.most_common()}
+
+
+def unwatched(test: DeformationTest) -> tuple[str, ...]:
+    """What no frame tells of cameras that are taken as fixed: without markers on walls nothing there stands still."""
+    if (test.markers.role == "wall").any() or all(s.moves for s in test.stations):
+        return ()
+    return ("whether the cameras kept their places and focal lengths, or the model moved: no markers on walls",)
 
 
 def cameras_record(sequence: Sequence) -> Record:

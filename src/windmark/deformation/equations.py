@@ -88,6 +88,16 @@ class Equations:
         b = (self._whitener @ columns).reshape(self.residual.size, -1)
         return self._added(b, self.jacobian, self.residual.ravel())
 
+    def added_with_places(self, columns: Array) -> tuple[Added, Array]:
+        """`added`, and the derivatives of its score (m, P, 3) by the markers' own places in the frame they are of."""
+        task, turn = self.solved.task, self.solved.values[MOTION].rotation
+        b = self._whitener @ columns
+        own = self._whitener @ (self.by_place @ np.where(task.wall[:, None, None], np.eye(3), turn))
+        added = self._added(b.reshape(self.residual.size, -1), self.jacobian, self.residual.ravel())
+        by_free = np.swapaxes(self.jacobian.reshape(*self.residual.shape, -1), 1, 2) @ own
+        by_place = np.swapaxes(b, 1, 2) @ own + added.follow.T @ by_free
+        return added, np.swapaxes(by_place, 0, 1)
+
     def held(self, which: NDArray[np.int64]) -> Added:
         """Law parameters (by number) that the adjustment holds at their bounds; the laws come first."""
         return self._added(self.jacobian[:, which], self.jacobian, self.residual.ravel())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -43,6 +43,7 @@ def identify(
     eccentricity: ArrayLike | None = None,
     reject: bool = True,
     free_moved: bool = True,
+    keep: Callable[[Solved], None] | None = None,
 ) -> Deformation | NotIdentified:
     """How a model moved and deformed, from one or more images of one instant.
 
@@ -64,6 +65,7 @@ def identify(
     eccentricity : (O, 2) the discs' eccentricity in pixels at the start, where it is known; None works it out
     reject : test every observation and leave gross errors out
     free_moved : a camera taken as fixed that moved is named, and its pose found; False takes all of them as they are
+    keep : is given the adjusted instant before it is judged, for what a series of them says together
 
     Returns
     -------
@@ -117,6 +119,8 @@ def identify(
         )
     if isinstance(solved, NotIdentified):
         return replace(solved, options=options)
+    if keep is not None:
+        keep(solved)
     judged = judge(solved, free_moved)
     if isinstance(judged, NotIdentified):
         return replace(judged, options=options)

@@ -7,6 +7,7 @@ the data want (Schwarz 1978) are what is left, and how far they move each point 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -42,7 +43,7 @@ class Pattern:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fields:
+class Fields:
     """Smooth displacements of all volumes of some markers.
 
     ``field`` (N, 3, m); ``kind`` and ``volume`` of each column; ``groups`` (G, k) columns of one kind of one volume,
@@ -69,11 +70,12 @@ class _Fields:
         return next(s for s in self.shapes if s.volume == self.volume[self.groups[group, 0]])
 
 
-_KNOWN: WeakKeyDictionary[Placed, _Fields | None] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Placed, Fields | None] = WeakKeyDictionary()
 """The same markers are seen in every frame of a series."""
 
 
-def _fields(placed: Placed) -> _Fields | None:
+def fields_of(placed: Placed) -> Fields | None:
+    """Of these markers; None where they are too few for any."""
     if placed not in _KNOWN:
         names = np.asarray(placed.names)
         volumes = [n for n in np.unique(names).tolist() if n]
@@ -82,7 +84,7 @@ def _fields(placed: Placed) -> _Fields | None:
     return _KNOWN[placed]
 
 
-def _joined(placed: Placed, shapes: tuple[Shapes, ...]) -> _Fields | None:
+def _joined(placed: Placed, shapes: tuple[Shapes, ...]) -> Fields | None:
     if not shapes:
         return None
     field = np.concatenate([s.columns(placed.xyz, np.asarray(placed.names)) for s in shapes], axis=-1)
@@ -92,41 +94,49 @@ def _joined(placed: Placed, shapes: tuple[Shapes, ...]) -> _Fields | None:
     for n, (s, k) in enumerate((s, k) for s in shapes for k in KINDS):
         own = np.flatnonzero((kind == k) & (volume == s.volume))
         groups[n, : len(own)] = own
-    return _Fields(shapes, field, kind, volume, groups)
+    return Fields(shapes, field, kind, volume, groups)
 
 
 def pattern_of(equations: Equations) -> Pattern | None:
     """What neighbouring residuals agree in; None for chance."""
     solved = equations.solved
     task = solved.task
-    fields = _fields(task.placed)
+    fields = fields_of(task.placed)
     if fields is None:
         return None
     added = equations.added(equations.by_place @ (solved.values[MOTION].rotation @ fields.field))
-    chosen = _chosen(equations, added, fields)
+    chosen = asked_for(added, fields, int(solved.used.sum()), solved.chi2, solved.redundancy)
     if not chosen:
         return None
     which = fields.group(*chosen)
     test, rank, value, cov = added.fitted(which)
-    misfit = Misfit(fields.shapes, which, value, _second(value, fields.size(*chosen)) + cov, added.follow[:, which])
+    second = second_moment(value, fields.size(*chosen)) + cov
+    misfit = Misfit(fields.shapes, which, value, second, added.follow[:, which])
     seen = np.zeros(len(task.markers), bool)
     seen[task.observations.point[solved.used]] = True
-    looks = []
+    return Pattern(misfit, test, rank, looks_like(equations, fields, chosen, misfit, seen))
+
+
+def looks_like(
+    equations: Equations, fields: Fields, chosen: Sequence[int], misfit: Misfit, seen: NDArray[np.bool_]
+) -> tuple[tuple[str, str], ...]:
+    """(volume, words) of each of the groups that were found, at the markers (N,) that are seen."""
+    task, which, looks = equations.solved.task, misfit.chosen, []
     for g in chosen:
         shape, own = fields.shape(g), np.isin(which, fields.group(g))
         at = seen & (np.asarray(task.placed.names) == shape.volume)
         # Less what the laws and the rigid motion take up of it: the rest is what is left.
-        taken = equations.moved(added.follow[:, which[own]] @ value[own])
-        amount = (fields.field[..., which[own]] @ value[own] + taken)[at]
+        taken = equations.moved(misfit.follow[:, own] @ misfit.value[own])
+        amount = (fields.field[..., which[own]] @ misfit.value[own] + taken)[at]
         looks.append(_looks(shape, str(fields.kind[fields.groups[g, 0]]), amount, task.placed.xyz[at],
                             task.markers.name[at], length_unit(task.volumes)))  # fmt: skip
-    return Pattern(misfit, test, rank, tuple(looks))
+    return tuple(looks)
 
 
-def _chosen(equations: Equations, added: Added, fields: _Fields) -> list[int]:
-    """The groups that the data want, the most telling one first."""
-    solved, count = equations.solved, len(fields.groups)
-    price = np.log(max(2 * int(solved.used.sum()), 2))
+def asked_for(added: Added, fields: Fields, spots: int, chi2: float, redundancy: int) -> list[int]:
+    """The groups that the data want, the most telling one first; ``chi2`` of so many ``spots`` without them."""
+    count = len(fields.groups)
+    price = np.log(max(2 * spots, 2))
     chosen: list[int] = []
     test, rank = 0.0, 0
     tests, ranks = added.each(fields.groups)
@@ -139,7 +149,7 @@ def _chosen(equations: Equations, added: Added, fields: _Fields) -> list[int]:
             gain, unknowns = more - test, together - rank
             if gain <= unknowns * price:
                 continue
-            if chance(gain, unknowns, solved.chi2 - test, solved.redundancy - rank) < FALSE / count:
+            if chance(gain, unknowns, chi2 - test, redundancy - rank) < FALSE / count:
                 best = max(best or (-np.inf, 0, 0.0, 0), (gain - unknowns * price, g, more, together))
         if best is None:
             return chosen
@@ -147,7 +157,7 @@ def _chosen(equations: Equations, added: Added, fields: _Fields) -> list[int]:
         test, rank = best[2:]
 
 
-def _second(value: Array, size: Ints) -> Array:
+def second_moment(value: Array, size: Ints) -> Array:
     """Second moment of what is lacking: each kind is as large as it was found, of any course along the volume.
 
     That of the very course that was found would be nothing where it crosses zero, which it does elsewhere.

@@ -44,6 +44,7 @@ class FrameRecord:
     warnings, suspect : see `Deformation`
     causes : of each warning, see `Doubt`
     unchecked : what the images cannot tell and no sigma contains
+    series : cause and sentence of what all frames so far say together
 
     Every sigma is that of the state's covariance, which contains what the residuals show: they may say that laws,
     tables and lens are worse than what was stated, never that they are better.
@@ -77,6 +78,7 @@ class FrameRecord:
     suspect: tuple[str, ...] = ()
     causes: tuple[str, ...] = ()
     unchecked: tuple[str, ...] = ()
+    series: tuple[tuple[str, str], ...] = ()
 
 
 def doubtful(frame: DeformedFrame, names: NDArray[np.str_]) -> tuple[str, ...]:
@@ -106,12 +108,12 @@ def record(
     count : number of the laws' parameters
     """
     common = (frame.index, frame.key, frame.instant, time_s, frame.status, frame.reason, frame.seconds)
-    span = 0 if stations is None else len(stations)
+    span, series = 0 if stations is None else len(stations), tuple((d.cause, str(d)) for d in frame.series)
     if frame.state is None:
         nan, six, along = np.full(count, np.nan), np.full(6, np.nan), np.full(span, np.nan)
         return FrameRecord(
             *common, 0, 0, np.nan, np.nan, nan, nan, six, six, along, along, along, along, along, along, latency_s,
-            cameras=frame.cameras,
+            cameras=frame.cameras, series=series,
         )  # fmt: skip
     state = frame.state
     q_sigma = np.array([state.sigma[n] for n in state.volumes.names])
@@ -127,7 +129,7 @@ def record(
         state.sigma0,
         state.q - (zero.q if zero is not None else 0.0), q_sigma, motion, motion_sigma, *bending, *twist,
         *pitch, latency_s, doubtful(frame, markers.name), frame.cameras, state.warnings,
-        state.suspect, tuple(d.cause for d in state.doubts), tuple(map(str, state.unchecked)),
+        state.suspect, tuple(d.cause for d in state.doubts), tuple(map(str, state.unchecked)), series,
     )  # fmt: skip
 
 

@@ -340,7 +340,9 @@ def zeroed(
         raise io.FileError(project.path, f"no wind-off frame can be used; {why}", "sequence.zero")
     states, seen = [f.state for f, _ in good if f.state], [f.observations for f, _ in good if f.observations]
     corrected = zero_markers(states, seen, [[View(n, n) for n in f.views] for f, _ in good], loaded.test.markers)
-    test = replace(loaded.test, markers=corrected.markers, marker_cov=corrected.cov)
+    test = replace(
+        loaded.test, markers=corrected.markers, marker_cov=corrected.cov, wind_off=tuple(frame.key for frame, _ in good)
+    )  # fmt: skip
     good = [(identified_again(frame, test), images) for frame, images in good]
     share = noise_share(loaded.test.markers, corrected.cov, corrected.seen)
     zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations, corrected.markers, share)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from windmark.errors import g2
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.record import MISFIT, FrameRecord
+from windmark.pipeline.deform.series import NOT_TRIED
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.doubts import as_finding
 from windmark.pipeline.verdict.followed import followed_findings
 from windmark.pipeline.verdict.series import bad_series, lost_findings, middle
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding, Verdict
@@ -38,8 +40,9 @@ def deform_verdict(
         step = "place the named camera anew" if cause == "moved" else "see the reason of the first frame"
         return bad_series(cause, f"no frame gave a deformation; the first: {reason}", step)
     found = [*grid, *lost_findings([(r.key, r.reason) for r in records if r.status == "lost"], len(records), "frames")]
-    found += followed_findings([_followed(r) for r in good], unit)
-    found += [*_copies(good), *_standing_out(good), *_zero(good, zero, parameters, apart)]
+    together = _together(records)
+    found += followed_findings([_followed(r, {f.cause for f in together}) for r in good], unit)
+    found += [*together, *_copies(good), *_standing_out(good), *_zero(good, zero, parameters, apart)]
     if weak:
         found.append(
             Finding(
@@ -58,8 +61,20 @@ def deform_verdict(
     )
 
 
-def _followed(record: FrameRecord) -> Followed:
-    doubts = tuple(zip(record.causes, record.warnings, strict=True))
+def _together(records: Sequence[FrameRecord]) -> list[Finding]:
+    """What all frames say together, as the last one of them knows it, and which of them have it in their sigmas."""
+    tried = [r for r in records if r.status not in NOT_TRIED]
+    out = []
+    for cause, words in tried[-1].series if tried else ():
+        since = next((k for k in range(len(tried), 0, -1) if cause not in dict(tried[k - 1].series)), 0)
+        more = f"; sigmas contain it from frame {tried[since].key} on" if since else ""
+        out.append(as_finding(words + more, cause))
+    return out
+
+
+def _followed(record: FrameRecord, told: Collection[str]) -> Followed:
+    """An instant; ``told``: causes of which more is known than it says by itself."""
+    doubts = tuple(d for d in zip(record.causes, record.warnings, strict=True) if d[0] not in told)
     return Followed(f"frame {record.key}", record.cameras, doubts, record.sigma0)
 
 

@@ -33,6 +33,7 @@ CAUSES = {
     "sheared": "pictures that are sheared or stretched against each other",
     "focal": "a focal length that does not fit",
     "principal": "a principal point that is not the other pictures'",
+    "late": "pictures of a camera that are of another time than the others'",
     "moved": "a camera that is not where it should be",
     "camera": "an interior of the camera, or a lens, that does not fit",
     "picture": "a picture that contradicts the others",

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from windmark.compiling import job_time
 from windmark.deformation import Deformation, NotIdentified
+from windmark.deformation.solve import Solved
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
-from windmark.scene import Detections, MarkerSet, Observations
+from windmark.scene import Detections, Doubt, MarkerSet, Observations
 from windmark.scene.repeated import ONCE_MORE, print_of
 from windmark.tasks.deform.between import Shots, open_shots
 from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
+from windmark.tasks.deform.series import OF_ONE_INSTANT, Series
 from windmark.tasks.deform.sights import Usual, once_more, sight
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
 from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
@@ -107,11 +109,15 @@ class _Follower:
         self._copied: set[str] = set()  # cameras whose picture is that of the frame before, bit by bit
         self._left_out: dict[str, str] = {}  # cameras that contradict the others, and why
         self._prints: dict[str, int] = {}  # of the cameras' last pictures, see `print_of`
+        self._series = Series.of(test)
+        self._solved: Solved | None = None  # the adjustment of the last answer
+        self._moved = False  # whether that is a refusal because a camera moved
 
     def handed_on(self) -> dict[str, Any]:
         """What the next frame goes on with; pictures are not."""
         shots = {name: replace(own, image={}) for name, own in self._shots.items()}
-        return {"_shots": shots, **{name: getattr(self, name) for name in _HANDED_ON}}
+        series = None if self._series is None else self._series.without()
+        return {"_shots": shots, "_series": series, **{name: getattr(self, name) for name in _HANDED_ON}}
 
     def take_up(self, handed_on: Mapping[str, Any]) -> None:
         """Go on with what `handed_on` gave."""
@@ -121,7 +127,7 @@ class _Follower:
     def frame(self, index: int, frame: FrameImages) -> DeformedFrame:
         """Follow one instant."""
         start = job_time()
-        self._last = {}
+        self._last, self._solved = {}, None
         images, bad = self._read(frame)
         before, self._prints = self._prints, {**self._prints, **{n: print_of(image) for n, image in images.items()}}
         self._copied = {n for n in images if before.get(n) == self._prints[n] and n not in frame.shots}
@@ -142,10 +148,11 @@ class _Follower:
                 if found is not None:
                     troubles.append(f"labelled by the spots nearest to the last good frame's: {why}")
         if found is None:
-            reason = "; ".join([*troubles, why] if why else troubles) or "no image"
+            doubts = self._together(frame)
+            reason = "; ".join([*map(str, doubts), *troubles, *([why] if why else [])]) or "no image"
             return DeformedFrame(
                 index, frame.key, frame.instant, "lost", reason, None, seconds=job_time() - start,
-                cameras=self._sights(frame, images, bad, self._last, None),
+                cameras=self._sights(frame, images, bad, self._last, None), series=doubts,
             )  # fmt: skip
         state, labelled, observations, errors = found
         troubles += [f"{n}: {why}" for n, why in self._left_out.items() if n in images]
@@ -154,13 +161,30 @@ class _Follower:
         self._usual.forget_odd(labelled, state.used)
         sights = self._sights(frame, images, bad, labelled, state)
         troubles += [f"{n}: {s.reason}" for n, s in sights.items() if ONCE_MORE in s.reason]
+        doubts = self._together(frame, state, again=any(ONCE_MORE in s.reason for s in sights.values()))
         self._remember(state, labelled, errors, frame.instant, status)
         troubles += [f"{n}: {s.reason}" for n, s in labelled.items() if s.reason]
         self._usual.learn(images, self._test, labelled, sights, anew=status == "cold")
         return DeformedFrame(
-            index, frame.key, frame.instant, status, "; ".join(troubles), state, observations, tuple(labelled),
-            job_time() - start, sights,
+            index, frame.key, frame.instant, status, "; ".join(troubles),
+            state if self._series is None else self._series.judged(state), observations, tuple(labelled),
+            job_time() - start, sights, doubts,
         )  # fmt: skip
+
+    def _together(
+        self, frame: FrameImages, state: Deformation | None = None, *, again: bool = False
+    ) -> tuple[Doubt, ...]:
+        """Add a frame to what all of them say together; what that is.
+
+        A frame that was refused counts where a camera was called moved, which one that is late looks like; one with a
+        picture that is there ``again`` does not.
+        """
+        if self._series is None:
+            return ()
+        solved = None if again or (state is None and not self._moved) else self._solved
+        odd = state is None or any(d.cause in OF_ONE_INSTANT for d in state.doubts)
+        self._series = self._series.without() if solved is None else self._series.plus(solved, frame, odd=odd)
+        return self._series.doubts
 
     def _sights(
         self, frame: FrameImages, images: dict[str, Image], bad: dict[str, str], labelled: dict[str, Labelled],
@@ -303,7 +327,13 @@ class _Follower:
         known = self._test.marker_cov if self._texture is None else self._texture.place_cov
         known_off = [s.eccentricity_px for s in parts if s.eccentricity_px is not None]
         eccentricity = np.concatenate(known_off) if start is not None and len(known_off) == len(parts) else None
-        return state_of(observations, poses, self._test, start, known, eccentricity, free_moved), observations
+        self._solved = None
+        answer = state_of(observations, poses, self._test, start, known, eccentricity, free_moved, self._keep)
+        self._moved = isinstance(answer, NotIdentified) and answer.cause == "moved"
+        return answer, observations
+
+    def _keep(self, solved: Solved) -> None:
+        self._solved = solved
 
     # --- without -----------------------------------------------------------------------------
     def _everything(self, images: dict[str, Image]) -> dict[str, Detections | str]:

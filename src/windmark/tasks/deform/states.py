@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation, NotIdentified, identify
+from windmark.deformation.solve import Solved
 from windmark.geometry import Pose
 from windmark.scene import Observations, View
 from windmark.tasks.deform.spots import Labelled
@@ -38,16 +40,17 @@ def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFra
 def state_of(
     observations: Observations, poses: dict[str, Pose], test: DeformationTest, start: Deformation | None,
     marker_cov: Array | None, eccentricity: Array | None = None, free_moved: bool = True,
+    keep: Callable[[Solved], None] | None = None,
 ) -> Deformation | NotIdentified:  # fmt: skip
     """The state of one instant; ``poses`` of its views, in the order of ``observations.view``.
 
-    ``eccentricity`` (O, 2) as ``start`` has it; None works it out.
+    ``eccentricity`` (O, 2) as ``start`` has it; None works it out. ``keep``: see `identify`.
     """
     stations = [test.station(n) for n in poses]
     return identify(
         observations, test.markers, test.volumes, {s.name: s.camera for s in stations},
         [View(n, n, "", pose) for n, pose in poses.items()], **what_is_free(test, tuple(poses)), marker_cov=marker_cov,
-        start=start, eccentricity=eccentricity, free_moved=free_moved,
+        start=start, eccentricity=eccentricity, free_moved=free_moved, keep=keep,
     )  # fmt: skip
 
 

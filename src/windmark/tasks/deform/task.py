@@ -14,7 +14,7 @@ from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose
 from windmark.options.detection import MERIT_MAX, POLARITY
 from windmark.options.registration import MAX_DEFORMATION, MAX_TABLE_ERROR
-from windmark.scene import MarkerSet, Observations
+from windmark.scene import Doubt, MarkerSet, Observations
 
 Array = NDArray[np.float64]
 Image = NDArray[np.generic]
@@ -80,6 +80,7 @@ class DeformationTest:
     marker_cov : (N, 3, 3) covariance of the markers' places where images showed them, the paint's texture included (the
         wind-off zero); None takes their sigma and adds the texture
     look : how markers are looked for
+    wind_off : keys of the frames that ``marker_cov`` is from
     """
 
     stations: tuple[Station, ...]
@@ -89,6 +90,7 @@ class DeformationTest:
     visible: Visible | None = None
     marker_cov: Array | None = None
     look: LookOptions = field(default_factory=LookOptions)
+    wind_off: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = [s.name for s in self.stations]
@@ -215,6 +217,7 @@ class DeformedFrame:
     views : names of the cameras, in the order of ``observations.view``
     seconds : wall time from the images to the deformation
     cameras : camera -> what it saw
+    series : what all frames so far say together against the results
     """
 
     index: int
@@ -227,3 +230,4 @@ class DeformedFrame:
     views: tuple[str, ...] = ()
     seconds: float = 0.0
     cameras: Mapping[str, Sight] = field(default_factory=dict)
+    series: tuple[Doubt, ...] = ()

@@ -1,0 +1,202 @@
+"""What a series says together: the same unknown that the adjustments do not have, over all instants.
+
+What is the same in every instant may be far below the noise of each of them. Beside its adjustment each instant
+therefore tells, as in `equations`, score and power of unknowns that would be one and the same in all: how late each
+camera takes its pictures, how its pose is off, what the laws lack. Instants are added up; spots are wrong anew in each
+of them. What is wrong alike in all of them is not: the markers' own places by their covariance, and spots by a part of
+their sigma (`ALIKE`). Either is in the covariance of the sum as what it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.deformation.equations import CHECKED, Added, Equations
+from windmark.deformation.patterns import fields_of
+from windmark.deformation.sighting import MOTION
+from windmark.deformation.solve import free_names
+from windmark.deformation.volumes import Placed
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ROUNDING = 1e-10
+"""Of eigenvalues over the largest one."""
+LEAST = 1e-6
+"""Share of an unknown that adjustments and other unknowns leave over, below which it is not to be told from these."""
+ALIKE = 0.15
+"""Part of a spot's sigma by which it is wrong alike in all instants: by its place between pixels, lens and light."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """What one instant says of n unknowns that the series would share.
+
+    Parameters
+    ----------
+    score, power : (n,) B^T r and (n, n) B^T Q B, see `equations`
+    size2 : (n,) squared length of the columns B
+    by_place : (n, N, 3) B^T Q times the derivative by the markers' own places, in the model's frame
+    follow : (F, n) how what is free in it follows one unit of each
+    names : (F,) of that
+    chi2, redundancy, spots : of the instant
+    place : (N, 3) its markers in the tunnel
+    """
+
+    score: Array
+    power: Array
+    size2: Array
+    by_place: Array
+    follow: Array
+    names: tuple[str, ...]
+    chi2: float
+    redundancy: int
+    spots: int
+    place: Array
+
+
+def instant_of(
+    equations: Equations, views: tuple[str, ...], moving: Array | None, wind_off: bool = False
+) -> Instant:
+    """What an adjusted instant says of what a series would share.
+
+    Parameters
+    ----------
+    equations : of the instant
+    views : the cameras of the series; unknowns are the lateness of each, in the unit of ``moving``, then six of each
+        one's pose, then what the laws lack (`Fields`)
+    moving : (N, 3) how far the markers move in the tunnel in one unit of time; None where that is not known
+    wind_off : it is one of those that the markers' places are of, in which the laws lack nothing
+    """
+    added, by_place = equations.added_with_places(_columns(equations, views, moving, wind_off))
+    solved = equations.solved
+    return Instant(
+        added.score, added.power, added.size**2, by_place, added.follow, free_names(solved.problem), solved.chi2,
+        solved.redundancy, int(solved.used.sum()), equations.place,
+    )  # fmt: skip
+
+
+def _columns(equations: Equations, views: tuple[str, ...], moving: Array | None, wind_off: bool) -> Array:
+    """(P, 2 V, n) derivatives of the pixels by all unknowns of the series."""
+    count, by_place = len(views), equations.by_place
+    late, pose = np.zeros((*by_place.shape[:2], count)), np.zeros((*by_place.shape[:2], count, 6))
+    for v, view in enumerate(equations.solved.task.views):
+        k, own = views.index(view.name), slice(2 * v, 2 * v + 2)
+        pose[:, :, k] = equations.by_pose(v)
+        if moving is not None:
+            late[:, own, k] = -(by_place[:, own] @ moving[:, :, None])[..., 0]
+    fields = fields_of(equations.solved.task.placed)
+    lacking = np.zeros((*by_place.shape[:2], 0 if fields is None else fields.field.shape[-1]))
+    if fields is not None and not wind_off:
+        lacking = by_place @ (equations.solved.values[MOTION].rotation @ fields.field)
+    return np.concatenate([late, pose.reshape(*pose.shape[:2], -1), lacking], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The sum of some instants.
+
+    Parameters
+    ----------
+    views : the cameras of the series
+    score, power, size2, by_place, chi2, redundancy, spots : see `Instant`
+    held : (n, n) what the markers' own places have in ``power``, instant for instant
+    alone : (V,) sum of squares that the cameras' lateness explains where it may be another one in every instant
+    instants, moved : how many, and how many of them tell lateness
+    """
+
+    views: tuple[str, ...]
+    score: Array
+    power: Array
+    size2: Array
+    by_place: Array
+    held: Array
+    alone: Array
+    chi2: float = 0.0
+    redundancy: int = 0
+    spots: int = 0
+    instants: int = 0
+    moved: int = 0
+
+    @staticmethod
+    def none(views: tuple[str, ...], placed: Placed) -> Evidence:
+        """Of no instant yet of these markers."""
+        fields, markers = fields_of(placed), len(placed.xyz)
+        n = 7 * len(views) + (0 if fields is None else fields.field.shape[-1])
+        return Evidence(
+            views, np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros((n, markers, 3)), np.zeros((n, n)),
+            np.zeros(len(views)),
+        )
+
+    @property
+    def late(self) -> Ints:
+        """The cameras' lateness among the unknowns."""
+        return np.arange(len(self.views))
+
+    @property
+    def poses(self) -> Ints:
+        """Their poses."""
+        return np.arange(len(self.views), 7 * len(self.views))
+
+    @property
+    def lacking(self) -> Ints:
+        """What the laws lack."""
+        return np.arange(7 * len(self.views), len(self.score))
+
+    def beside(self, test: float) -> tuple[float, int]:
+        """Sum of squares and its redundancy, beside which something explains ``test`` of it.
+
+        Residuals may be larger than stated; smaller ones, as of frames that the table was corrected by, make nothing
+        more likely.
+        """
+        return max(self.chi2, self.redundancy + test), self.redundancy
+
+    def plus(self, instant: Instant, place_cov: Array | None) -> Evidence:
+        """One instant more; ``place_cov`` (N, 3, 3) as it was adjusted with."""
+        late = self.late
+        power, told = instant.power[late, late], instant.power[late, late] > LEAST * instant.size2[late]
+        return replace(
+            self, alone=self.alone + np.where(told, instant.score[late] ** 2 / np.where(told, power, 1.0), 0.0),
+            moved=self.moved + bool(told.any()), score=self.score + instant.score, power=self.power + instant.power,
+            size2=self.size2 + instant.size2, by_place=self.by_place + instant.by_place,
+            held=self.held + _by_places(instant.by_place, place_cov), chi2=self.chi2 + instant.chi2,
+            redundancy=self.redundancy + instant.redundancy, spots=self.spots + instant.spots,
+            instants=self.instants + 1,
+        )  # fmt: skip
+
+    def added(self, which: Ints, beside: Ints, place_cov: Array | None) -> Added:
+        """Some unknowns with others free beside them, as `Equations.added` has those of one instant.
+
+        Power is the inverse covariance of what the sum tells: with b' = b - P_b,beside P_beside^-1 b_beside of score
+        and power, b = -P'^-1 s' has the covariance P'^-1 C P'^-1, C that of s'.
+        """
+        both, n = np.concatenate([which, beside]), len(which)
+        power = self.power[np.ix_(both, both)]
+        cov = power * (1 + ALIKE**2 * self.instants) - self.held[np.ix_(both, both)]
+        cov += _by_places(self.by_place[both], place_cov)
+        scale = np.sqrt(np.where(self.size2 > 0, self.size2, 1.0))[both]
+        power, cov = power / np.outer(scale, scale), cov / np.outer(scale, scale)
+        taken = -power[:n, n:] @ np.linalg.pinv(power[n:, n:], CHECKED, hermitian=True)
+        by = np.concatenate([np.eye(n), taken], axis=1)
+        score, cov, power = by @ (self.score[both] / scale), by @ cov @ by.T, power[:n, :n] + taken @ power[n:, :n]
+        value, vector = np.linalg.eigh(power)
+        told = value > LEAST
+        value, vector = value[told], vector[:, told]
+        weight = value[:, None] * np.linalg.pinv(vector.T @ cov @ vector, ROUNDING, hermitian=True)
+        back = vector * scale[:n, None]
+        told_by = back @ (weight * value) @ back.T
+        size = np.sqrt(np.diag(told_by))
+        return Added(
+            back @ (weight @ (vector.T @ score)), told_by, np.where(size > 0, size, 1.0), np.zeros((0, n))
+        )
+
+
+def _by_places(by_place: Array, place_cov: Array | None) -> Array:
+    """(n, n) covariance of scores with derivatives (n, N, 3) by the markers' places."""
+    if place_cov is None:
+        return np.zeros((len(by_place), len(by_place)))
+    flat = (by_place[:, :, None, :] @ place_cov).reshape(len(by_place), -1)
+    return np.asarray(flat @ by_place.reshape(len(by_place), -1).T)

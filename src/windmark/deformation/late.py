@@ -1,0 +1,90 @@
+"""A camera whose pictures are of another time than those of the others, by all instants of a series together.
+
+Paired by number where one camera began a picture later, or dropped one, its pictures show the model where it was a
+frame before. Slow motion hides that in every instant: most of it looks like a motion of the model. What is left grows
+with the motion, which nothing else does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.adjust import chance
+from windmark.deformation.evidence import Evidence, Instant
+from windmark.errors import g1, g2
+from windmark.scene import Doubt
+
+Array = NDArray[np.float64]
+
+FALSE = 2.5e-4
+"""Probability that a camera in step with the others is called late."""
+MOVED = 2
+"""Instants in which the model moves that are needed: in one a camera that was pushed looks the same."""
+BESIDE = 8.0
+"""Least sum of squares that lateness explains beside poses that are off by the same in all instants: of chance, in one
+of 200 series. A pose that is a little off is common, and looks much the same where the model moves steadily."""
+
+
+@dataclass(frozen=True)
+class Late:
+    """How much later than the others' the pictures of a camera are.
+
+    Parameters
+    ----------
+    views : all cameras; ``which`` of them
+    value, sigma : in the unit of the instants
+    """
+
+    views: tuple[str, ...]
+    which: int
+    value: float
+    sigma: float
+
+    @property
+    def doubt(self) -> Doubt:
+        """As a sentence."""
+        name = self.views[self.which]
+        others = [n for n in self.views if n != name]
+        of = others[0] if len(others) == 1 else "the others"
+        side = "later" if self.value > 0 else "earlier"
+        return Doubt((name,), f"pictures of {{}} are {g2(abs(self.value))} ± {g1(self.sigma)} frames {side} than those "
+                     f"of {_escaped(of)}, by all frames together", "late")  # fmt: skip
+
+    def shifts(self, instant: Instant) -> Array:
+        """(F, k) by how much what is free in an instant is off, 1 sigma, whichever camera is the one in time."""
+        size = float(np.hypot(self.value, self.sigma))
+        # Of two cameras either may be late, and the instant is that of the other.
+        views = [0, 1] if len(self.views) == 2 else [self.which]
+        return size * instant.follow[:, views]
+
+
+def _escaped(name: str) -> str:
+    return name.replace("{", "{{").replace("}", "}}")
+
+
+def lateness(evidence: Evidence, place_cov: Array | None) -> Late | None:
+    """The camera that the series shows at another time than the others; None where none is."""
+    if len(evidence.views) < 2 or evidence.moved < MOVED:
+        return None
+    one, none, best = np.array([0]), evidence.poses[:0], (0.0, 0, 0.0, 0.0)
+    for v in evidence.late:
+        test, rank, value, cov = evidence.added(evidence.late[[v]], none, place_cov).fitted(one)
+        if rank and test > best[0]:
+            best = (test, int(v), float(value[0]), float(np.sqrt(cov[0, 0])))
+    test, which, value_, sigma = best
+    if chance(test, 1, *evidence.beside(test)) >= FALSE / len(evidence.views):
+        return None
+    if evidence.alone[which] > 2 * test:  # not the same in all of them: it moved once
+        return None
+    if len(evidence.views) == 2 and value_ < 0:
+        which, value_ = 1 - which, -value_  # the other way round it is the same
+    own = evidence.late[[which]]
+    beside = evidence.added(own, evidence.poses, place_cov).fitted(one)[0]
+    off = max(
+        evidence.added(pose, own, place_cov).fitted(np.arange(6))[0]
+        for pose in evidence.poses.reshape(-1, 6)
+    )  # fmt: skip
+    return Late(evidence.views, which, value_, sigma) if beside > max(BESIDE, off) else None

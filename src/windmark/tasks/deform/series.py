@@ -1,0 +1,141 @@
+"""What the frames so far say together, and what that does to the state of a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.deformation import Deformation
+from windmark.deformation.equations import Equations
+from windmark.deformation.evidence import Evidence, Instant, instant_of
+from windmark.deformation.lasting import Lasting, lasting
+from windmark.deformation.late import Late, lateness
+from windmark.deformation.misfit import Misfit
+from windmark.deformation.patterns import fields_of
+from windmark.deformation.solve import Solved
+from windmark.scene import Doubt
+from windmark.tasks.deform.task import DeformationTest, FrameImages
+
+Array = NDArray[np.float64]
+
+OF_ONE_INSTANT = ("moved", "picture")
+"""Causes of doubts that a frame by itself gives to what a late camera shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """The frames so far.
+
+    Parameters
+    ----------
+    views : the cameras
+    wind_off : names of the frames that the markers' places are of
+    evidence : what they say together; None before the first one
+    with_wind : how many of them are others than these
+    place, instant : where the markers were in the tunnel at the last of them, (N, 3), and when that was
+    last : what the last one says; None where nothing was added
+    late : the camera that all of them show at another time than the others
+    lasting : what the laws lack in all of them alike
+    """
+
+    views: tuple[str, ...]
+    wind_off: tuple[str, ...] = ()
+    evidence: Evidence | None = None
+    with_wind: int = 0
+    place: Array | None = None
+    instant: float = 0.0
+    last: Instant | None = None
+    late: Late | None = None
+    lasting: Lasting | None = None
+
+    @staticmethod
+    def of(test: DeformationTest) -> Series | None:
+        """Before the first frame; None where errors of the table are not known, which are the same in all of them."""
+        model = test.markers.role != "wall"
+        if test.marker_cov is None and not np.isfinite(test.markers.sigma[model]).all():
+            return None
+        return Series(tuple(s.name for s in test.stations), test.wind_off)
+
+    def plus(self, solved: Solved, frame: FrameImages, *, odd: bool = False) -> Series:
+        """One frame more; ``odd``: a camera contradicts the others in it, so that nothing tells what the laws lack.
+
+        Spots between two pictures are where they were at the instant already: of such frames nothing tells lateness.
+        """
+        if solved.redundancy < 1:
+            return self.without()
+        equations, moving, cov = Equations(solved), None, solved.task.place_cov
+        wind_off = frame.key in self.wind_off
+        if self.place is not None and not frame.shots and not wind_off:
+            moving = (solved.task.tunnel_place(solved.values) - self.place) / (frame.instant - self.instant)
+        still = odd or wind_off
+        instant = instant_of(equations, self.views, moving, still)
+        evidence = self.evidence if self.evidence is not None else Evidence.none(self.views, solved.task.placed)
+        evidence, count = evidence.plus(instant, cov), self.with_wind + (not still)
+        late, left = lateness(evidence, cov), None
+        if late is None:  # what a late camera leaves over looks like much else
+            left = self.lasting if still else lasting(evidence, instant, equations, count)
+        return Series(
+            self.views, self.wind_off, evidence, count, instant.place, frame.instant, instant, late, left,
+        )  # fmt: skip
+
+    def without(self) -> Series:
+        """The frames so far without what the last one says by itself; all that a frame hands on that says nothing."""
+        return self if self.last is None else replace(self, last=None)
+
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """What is to be said of the series."""
+        if self.late is not None:
+            return (self.late.doubt,)
+        return () if self.lasting is None else self.lasting.doubts
+
+    def judged(self, state: Deformation) -> Deformation:
+        """The state of the last frame with what all of them say; the same where that is nothing."""
+        if self.late is None:
+            return self._with_what_is_left(state)
+        kept = tuple(d for d in state.doubts if d.cause not in OF_ONE_INSTANT)
+        doubts = (*self.doubts, *kept)
+        names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
+        cov = state.cov
+        if self.last is not None:
+            off = _by_name(self.late.shifts(self.last), self.last.names, state.names)
+            cov = cov + off @ off.T
+        return replace(state, cov=cov, doubts=doubts, suspect=names)
+
+    def _with_what_is_left(self, state: Deformation) -> Deformation:
+        """The state with what the laws lack in all frames, where it has not found that by itself."""
+        left, last = self.lasting, self.last
+        if left is None or last is None or self.evidence is None:
+            return state
+        if not last.follow[:, self.evidence.lacking].any():  # one without wind
+            return state
+        own = state.misfit
+        more = np.ones(len(left.which), bool) if own is None else ~np.isin(left.which, own.chosen)
+        said = {n for d in state.doubts if d.cause == "bent" for n in d.names}
+        doubts = (*state.doubts, *(d for d in left.doubts if not set(d.names) <= said))
+        follow = _by_name(last.follow[:, self.evidence.lacking[left.which[more]]], last.names, state.names)
+        fields = fields_of(state.placed)
+        if fields is None or not more.any():
+            return replace(state, doubts=doubts)
+        second = left.second[np.ix_(more, more)]
+        misfit = Misfit(fields.shapes, left.which[more], left.value[more], second, follow)
+        names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
+        return replace(
+            state, cov=state.cov + follow @ second @ follow.T, doubts=doubts, suspect=names,
+            misfit=misfit if own is None else _both(own, misfit),
+        )  # fmt: skip
+
+
+def _both(a: Misfit, b: Misfit) -> Misfit:
+    """Two misfits of the same shapes that have no column in common."""
+    second = np.zeros((len(a.value) + len(b.value),) * 2)
+    second[: len(a.value), : len(a.value)], second[len(a.value) :, len(a.value) :] = a.second, b.second
+    return Misfit(a.shapes, np.r_[a.chosen, b.chosen], np.r_[a.value, b.value], second, np.c_[a.follow, b.follow])
+
+
+def _by_name(values: Array, names: tuple[str, ...], wanted: tuple[str, ...]) -> Array:
+    """(G, k) rows of some unknowns (F, k) as those of others; 0 for what is not among them."""
+    own = {n: k for k, n in enumerate(names)}
+    return np.array([values[own[n]] if n in own else np.zeros(values.shape[1]) for n in wanted])

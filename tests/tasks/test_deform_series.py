@@ -1,0 +1,214 @@
+"""What frames say together that none of them says by itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from windmark.deformation import Deformation, Volume, Volumes, law
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.journal_values import dumped, loaded
+from windmark.scene import MarkerSet, Observations
+from windmark.tasks.deform.series import Series
+from windmark.tasks.deform.states import state_of
+from windmark.tasks.deform.task import DeformationTest, FrameImages, Shot, Station
+
+NOISE = 0.02
+CAMERA = Camera((1280, 1024), 2090.0)
+TARGET = np.array([200.0, 250.0, 0.0])
+
+
+def markers():
+    """40 on a wing, 12 on a body, 10 on a wall behind."""
+    rng = np.random.default_rng(0)
+    wing = np.c_[rng.uniform(0, 150, 40) + 120, np.linspace(80, 580, 40), rng.uniform(-4, 4, 40)]
+    body = np.c_[rng.uniform(0, 450, 12), rng.uniform(-60, 40, 12), rng.uniform(20, 50, 12)]
+    wall = np.c_[rng.uniform(0, 450, 10), rng.uniform(0, 550, 10), rng.uniform(-152, -148, 10)]
+    volume, role = ["wing"] * 40 + ["body"] * 12 + [""] * 10, ["model"] * 52 + ["wall"] * 10
+    return MarkerSet.make([f"m{k}" for k in range(62)], np.vstack([wing, body, wall]), volume=volume, role=role)
+
+
+MARKERS = markers()
+WALL = MARKERS.role == "wall"
+
+
+@law(tip="mm")
+def bend(xyz, tip):
+    """Up by the square of the way from the root to the tip."""
+    return xyz + np.outer((np.maximum(xyz[:, 1] - 60, 0) / 540) ** 2, [0, 0, tip])
+
+
+VOLUMES = Volumes.of([Volume("wing", bend, parent="body"), Volume("body")])
+
+
+def made(**given):
+    poses = [Pose.look_at(TARGET + 1045 * np.array([np.sin(a), 0.1 * a, np.cos(a)]), TARGET, [0, 1, 0])
+             for a in np.radians([-30, 30])]  # fmt: skip
+    stations = tuple(Station(f"cam{k + 1}", CAMERA, pose) for k, pose in enumerate(poses))
+    sure = np.tile(1e-6 * np.eye(3), (len(MARKERS), 1, 1))
+    return DeformationTest(stations, MARKERS, VOLUMES, **{"marker_cov": sure, **given})
+
+
+def places(size=0.0, shift=(0, 0, 0), turn=0.0, bent=None):
+    """Markers in the tunnel, the tip bent by ``size``, and by ``bent`` (N, 3) of no law."""
+    xyz = VOLUMES.bind(MARKERS.xyz, np.where(WALL, "", MARKERS.volume)).place(np.array([size]))
+    xyz = xyz if bent is None else xyz + bent
+    moved = Pose(Rotation.from_rotvec([0, np.radians(turn), 0]).as_matrix(), np.asarray(shift, float)).apply(xyz)
+    return np.where(WALL[:, None], MARKERS.xyz, moved)
+
+
+def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=0):
+    """Frames of states (places), the second camera ``late`` frames behind; the series and the states of the frames."""
+    rng, before, out = np.random.default_rng(seed), None, []
+    series = Series.of(test) if series is None else series
+    poses = {s.name: s.cam_from_tunnel for s in test.stations}
+    for k in range(len(states)):
+        xy = [CAMERA.project(pose.apply(states[max(k - c * late, 0)]))[0] for c, pose in enumerate(poses.values())]
+        xy = np.concatenate(xy) + NOISE * rng.standard_normal((2 * len(MARKERS), 2))
+        row = np.arange(len(MARKERS))
+        cov = np.tile(NOISE**2 * np.eye(2), (len(xy), 1, 1))
+        spots = Observations(np.repeat([0, 1], len(row)), np.tile(row, 2), xy, cov)
+        kept = []
+        answer = state_of(spots, poses, test, before, test.marker_cov, keep=kept.append)
+        assert isinstance(answer, Deformation), answer.reason
+        if k >= first:
+            between = {"cam2": shots} if shots else {}
+            odd = any(d.cause in ("moved", "picture") for d in answer.doubts)
+            series = series.plus(kept[-1], FrameImages(str(key + k), float(key + k), {}, shots=between), odd=odd)
+        before = answer
+        out.append(series.judged(answer))
+    return series, out
+
+
+def plunge(step):
+    """Still at first, then down at a steady rate."""
+    return [places(shift=(0, 0, step * max(k - 2, 0)), turn=0.1 * step * max(k - 2, 0)) for k in range(9)]
+
+
+def test_a_camera_one_frame_late_is_named_where_no_frame_tells_it_and_the_sigmas_have_it():
+    test, states = made(), plunge(0.1)
+    series, found = followed(states, test, 1, late=1)
+    (doubt,) = series.doubts
+    assert (doubt.cause, doubt.names) == ("late", ("cam2",))
+    assert "frames later than those of cam1" in str(doubt)
+    assert series.late.value == pytest.approx(1.0, abs=3 * series.late.sigma)
+    last = found[-1]
+    assert doubt in last.doubts
+    at = np.flatnonzero(~WALL)
+    moved, cov = (column[at] for column in last.markers_displaced())
+    off = moved - (states[-1] - MARKERS.xyz)[at]
+    assert np.all(np.abs(off) < 4 * np.sqrt(np.diagonal(cov, axis1=1, axis2=2)))
+    alone = followed(states[-2:], test, 1, series=Series.of(test))[1][-1]  # what it would be without
+    assert last.cov[1, 1] > alone.cov[1, 1]
+
+
+def test_where_it_moves_faster_it_is_late_and_not_said_to_have_moved():
+    series, found = followed(plunge(0.25), made(), 2, late=1)
+    assert [d.cause for d in series.doubts] == ["late"]
+    assert {d.cause for state in found[4:] for d in state.doubts} <= {"late", "noise"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cameras_in_step_are_not_late(seed):
+    series, found = followed(plunge(0.2), made(), seed)
+    assert not series.doubts
+    assert not any(state.doubts for state in found)
+
+
+def test_a_camera_that_stands_a_little_off_is_not_late():
+    test, away = made(), Pose.exp(np.array([1e-5, 2e-5, 0, 0, 0, 0]))
+    first, second = test.stations
+    off = replace(second, cam_from_tunnel=away @ second.cam_from_tunnel)
+    series, _ = followed(plunge(0.1), replace(test, stations=(first, off)), 3)
+    assert not series.doubts
+
+
+def test_a_camera_that_was_pushed_once_is_not_late():
+    test, states = made(), plunge(0.1)
+    series = Series.of(test)
+    for k in range(4, 9):  # pushed before the fifth frame, and by the last one that is followed
+        first, second = test.stations
+        pushed = replace(second, cam_from_tunnel=Pose.exp(np.array([2e-4, 0, 0, 0, 0, 0])) @ second.cam_from_tunnel)
+        series, _ = followed(states[:5], test, k)
+        series, _ = followed(states[5:6], replace(test, stations=(first, pushed)), k, series=series, key=5)
+        assert not any(d.cause == "late" for d in series.doubts)
+
+
+def test_spots_between_two_pictures_tell_no_lateness():
+    series, _ = followed(plunge(0.1), made(), 1, late=1, shots=(Shot(0.0, None), Shot(1.0, None)))
+    assert not series.doubts
+
+
+ALONG = np.maximum(MARKERS.xyz[:, 1] - 60, 0)[:, None] / 540 * (MARKERS.volume == "wing")[:, None]
+ROOT, COURSE = ALONG * [0, 0, 0.2], ALONG**2 * (1 - ALONG) * [0, 0, 0.3]
+
+
+def windy(count, bent):
+    """Two frames without wind, then such of one state with it."""
+    return [places()] * 2 + [places(3.0, (0.5, 0.2, 1.0), 0.1, bent)] * count
+
+
+@pytest.mark.parametrize("bent", [ROOT, COURSE], ids=["root", "course"])
+def test_what_a_law_lacks_in_all_frames_is_named_where_no_frame_tells_it_and_the_sigmas_have_it(bent):
+    test, states = made(wind_off=("0", "1")), windy(6, bent)
+    series, found = followed(states, test, 1)
+    (doubt,) = series.doubts
+    assert (doubt.cause, doubt.names) == ("bent", ("wing",))
+    assert "is left over of wing in 6 frames together: it looks like" in str(doubt)
+    assert not any(d.cause == "bent" for d in found[2].doubts)
+    last, at = found[-1], np.flatnonzero(~WALL)
+    assert doubt in last.doubts
+    by_itself, at_last = (sigmas_off(state, states[-1])[at] for state in (found[2], last))
+    assert np.abs(by_itself).max() > 5
+    assert np.abs(at_last[:, 2]).max() < 3
+    assert np.abs(at_last).max() < 5
+
+
+def sigmas_off(state, place):
+    """(N, 3) how far all markers are from where they are, in their sigmas."""
+    moved, cov = state.markers_displaced()
+    return (moved - (place - MARKERS.xyz)) / np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_law_that_can_do_what_the_model_does_is_not_too_simple(seed):
+    series, found = followed(windy(6, None), made(wind_off=("0", "1")), seed)
+    assert not series.doubts
+    assert not any(state.doubts for state in found)
+
+
+def test_what_is_there_without_wind_as_well_is_no_law():
+    """What wind-off frames show was put into the markers' places: it is what they are not known better."""
+    test = made(wind_off=tuple("01234567"))
+    series, found = followed(windy(6, ROOT), test, 1)
+    assert not any("together" in str(d) for state in found for d in state.doubts)
+    unsure = made(marker_cov=np.tile(0.04 * np.eye(3), (len(MARKERS), 1, 1)))
+    rng = np.random.default_rng(5)
+    off = 0.2 * rng.standard_normal(MARKERS.xyz.shape)
+    series, _ = followed([s + off for s in windy(6, None)], unsure, 5)
+    assert not series.doubts
+
+
+def test_a_series_that_is_gone_on_with_holds_what_is_left():
+    test, states = made(wind_off=("0", "1")), windy(5, COURSE)
+    whole, _ = followed(states, test, 1)
+    part = loaded(dumped(followed(states[:4], test, 1)[0].without(), {}), {})
+    again, _ = followed(states, test, 1, series=part, first=4)
+    assert [str(d) for d in again.doubts] == [str(d) for d in whole.doubts] != []
+
+
+def test_without_a_sigma_of_the_table_nothing_is_said_of_a_series():
+    assert Series.of(made(marker_cov=None)) is None
+    assert Series.of(replace(made(marker_cov=None), markers=replace(MARKERS, sigma=np.full((62, 3), 0.1)))) is not None
+
+
+def test_a_series_that_is_gone_on_with_says_the_same():
+    test, states = made(), plunge(0.1)
+    whole, _ = followed(states, test, 1, late=1)
+    part, _ = followed(states[:6], test, 1, late=1)
+    part = loaded(dumped(part, {}), {})
+    assert np.array_equal(followed(states[:6], test, 1, late=1)[0].evidence.power, part.evidence.power)
+    again, _ = followed(states, test, 1, late=1, series=part, first=6)
+    assert np.array_equal(again.evidence.score, whole.evidence.score)
+    assert again.doubts == whole.doubts
