@@ -35,7 +35,7 @@ def test_a_failed_reference_does_not_make_a_good_picture_a_failed_one():
 
 def test_the_cause_comes_before_the_consequence():
     result = SimpleNamespace(images=failed_reference(), markers=None, mesh=None, project=PROJECT, lost_views=(),
-                             merged=())  # fmt: skip
+                             merged=(), unknown_sides=())  # fmt: skip
     verdict = run_verdict(result)
     assert verdict.word == DOUBTFUL
     assert verdict.reason.startswith("off: not registered: fixed labels"), verdict

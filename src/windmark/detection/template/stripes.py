@@ -140,16 +140,18 @@ def _differences(
 ) -> tuple[Array, Array]:
     """Mean squares (3, B) of differences of neighbours down, across, and of both, and what each part makes of them.
 
-    Of neighbours that were used, all of them: there no stripe along the difference leaves anything.
+    Of neighbours that were used, all of them: there no stripe along the difference leaves anything. Of one colour of a
+    mosaic each second pixel was used, and the next but one is the neighbour.
     """
-    seen, made = [], []
-    for signs in (np.array([[1.0], [-1.0]]), np.array([[1.0, -1.0]]), np.array([[1.0, -1.0], [-1.0, 1.0]])):
+    seen, made, gap = [], [], 1 if (used[0, 1:] * used[0, :-1]).any() else 2
+    ends = np.eye(1 + gap)[0] - np.eye(1 + gap)[gap]
+    for signs in (ends[:, None], ends[None], ends[:, None] * ends):
 
         def differ(images: Array, signs: Array = signs) -> Array:
             views = sliding_window_view(images, signs.shape, axis=(1, 2))
             return np.einsum("kabij,ij->kab", views, signs)
 
-        whole = differ(used, np.abs(signs)) == signs.size
+        whole = differ(used, np.abs(signs)) == np.abs(signs).sum()
         seen.append((np.square(differ(residual)) * whole).sum((1, 2)) / np.maximum(whole.sum((1, 2)), 1))
         corner = np.argwhere(whole[0])
         corner = corner[:: 1 + len(corner) * used[0].size // NUMBERS]
