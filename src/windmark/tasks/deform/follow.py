@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from windmark.compiling import job_time
 from windmark.deformation import Deformation, NotIdentified
 from windmark.deformation.solve import Solved
-from windmark.errors import UsageError, WindmarkError
+from windmark.errors import UsageError
 from windmark.geometry import Camera
-from windmark.scene import Detections, Doubt, MarkerSet, Observations
+from windmark.scene import Detections, Doubt, Observations
 from windmark.scene.repeated import ONCE_MORE, print_of
-from windmark.tasks.deform.between import Shots, open_shots
 from windmark.tasks.deform.cold import anywhere, reasons
+from windmark.tasks.deform.looking import Looking
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
 from windmark.tasks.deform.series import OF_ONE_INSTANT, Series
 from windmark.tasks.deform.sights import Usual, once_more, sight
-from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, everything, near
+from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, near
 from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
 from windmark.tasks.deform.task import (
     DeformationTest,
@@ -99,11 +99,10 @@ class _Follower:
     """What goes from frame to frame."""
 
     def __init__(self, test: DeformationTest, pool: ThreadPoolExecutor, read: Reader) -> None:
-        self._test, self._pool, self._reader = test, pool, read
+        self._test, self._pool, self._looking = test, pool, Looking(test, pool, read)
         self._memory: Memory | None = None
         self._hidden: dict[str, NDArray[np.bool_]] = {}
         self._texture: Texture | None = None
-        self._shots: dict[str, Shots] = {}
         self._usual = Usual()
         self._last: dict[str, Labelled] = {}
         self._copied: set[str] = set()  # cameras whose picture is that of the frame before, bit by bit
@@ -115,23 +114,25 @@ class _Follower:
 
     def handed_on(self) -> dict[str, Any]:
         """What the next frame goes on with; pictures are not."""
-        shots = {name: replace(own, image={}) for name, own in self._shots.items()}
         series = None if self._series is None else self._series.without()
-        return {"_shots": shots, "_series": series, **{name: getattr(self, name) for name in _HANDED_ON}}
+        return {"_shots": self._looking.seen, "_series": series, **{name: getattr(self, name) for name in _HANDED_ON}}
 
     def take_up(self, handed_on: Mapping[str, Any]) -> None:
         """Go on with what `handed_on` gave."""
         for name, value in handed_on.items():
-            setattr(self, name, value)
+            if name == "_shots":
+                self._looking.shots = value
+            else:
+                setattr(self, name, value)
 
     def frame(self, index: int, frame: FrameImages) -> DeformedFrame:
         """Follow one instant."""
         start = job_time()
         self._last, self._solved = {}, None
-        images, bad = self._read(frame)
+        images, bad = self._looking.read(frame)
         before, self._prints = self._prints, {**self._prints, **{n: print_of(image) for n, image in images.items()}}
         self._copied = {n for n in images if before.get(n) == self._prints[n] and n not in frame.shots}
-        self._open(frame, images, bad)
+        self._looking.open(frame, images, bad)
         troubles = [f"{n}: {why}" for n, why in {**frame.odd, **bad}.items()]
         status, why, found, spots = "tracked", "", None, {}
         if self._memory is not None and self._believed(images):
@@ -139,7 +140,7 @@ class _Follower:
             if isinstance(found, str):
                 why, found = found, None
         if found is None and images:
-            status, spots = "cold", self._everything(images)
+            status, spots = "cold", self._looking.everything(images)
             found = self._cold(images, spots)
             if isinstance(found, str):
                 why = both_reasons(why, found)
@@ -205,46 +206,12 @@ class _Follower:
                     images[name], self._test, station, spots, self._usual, state is None, known, hidden, lag
                 )  # fmt: skip
                 # Between the same two pictures two instants may differ by a small part of their noise.
-                if memory is not None and name not in self._shots and not out[name].reason:
+                if memory is not None and name not in self._looking.shots and not out[name].reason:
                     said = once_more(memory.labelled.get(name), spots, copied=name in self._copied)
                     out[name] = replace(out[name], reason=said)
-            if name in images and name not in self._shots:
+            if name in images and name not in self._looking.shots:
                 out[name] = replace(out[name], picture=self._prints[name])
         return out
-
-    def _read(self, frame: FrameImages) -> tuple[dict[str, Image], dict[str, str]]:
-        """The images that can be read, and what is wrong with the others, by camera."""
-        images, troubles = {}, {}
-        jobs = {
-            n: self._pool.submit(self._reader, item, self._test.station(n))
-            for n, item in frame.images.items() if not isinstance(item, np.ndarray)
-        }  # fmt: skip
-        for station in self._test.stations:
-            name = station.name
-            if name not in frame.images:
-                troubles[name] = frame.missing.get(name, "no image")
-                continue
-            try:
-                images[name] = jobs[name].result() if name in jobs else self._reader(frame.images[name], station)
-            except WindmarkError as error:
-                troubles[name] = str(error)
-        return images, troubles
-
-    def _open(self, frame: FrameImages, images: dict[str, Image], troubles: dict[str, str]) -> None:
-        """Pictures round the instant of cameras that took none just then; what was seen in them before is kept."""
-        self._shots = {n: s for n, s in self._shots.items() if n in frame.shots}
-        for name, shots in frame.shots.items():
-            if name not in images:
-                continue
-            old = self._shots.get(name)
-            seen = None if old is None else old.seen
-            opened = open_shots(shots, self._test.station(name), frame.instant, images[name], seen, self._reader)
-            if isinstance(opened, str):
-                del images[name]
-                self._shots.pop(name, None)
-                troubles[name] = opened
-            else:
-                self._shots[name] = opened
 
     # --- with expectations -----------------------------------------------------------------
     def _tracked(self, images: dict[str, Image], instant: float) -> Any:
@@ -261,7 +228,9 @@ class _Follower:
         memory = self._memory
         expected = predicted(memory, instant - memory.instant)
         placed = displaced(self._test.markers, expected)
-        labelled = self._look_near(images, expected, placed, memory.error_px, memory.labelled, instant)
+        labelled = self._looking.near(
+            images, expected, placed, memory.error_px, memory.labelled, self._hidden, memory, instant
+        )
         self._last = labelled
         if (gone := without_walls(self._test, labelled, memory.labelled)) is not None:
             return f"{gone} lost the markers on walls"
@@ -281,38 +250,6 @@ class _Follower:
             if not isinstance(again, str) and len(again[2]) > count:
                 return again
         return answer, labelled, observations, error
-
-    def _look_near(
-        self, images: dict[str, Image], state: Deformation, placed: MarkerSet, error_px: dict[str, float],
-        before: dict[str, Labelled], instant: float | None = None,
-    ) -> dict[str, Labelled]:  # fmt: skip
-        """Markers near their places in ``state``; ``instant`` of it where it is a prediction by the memory."""
-
-        def one(name: str, image: Image, state: Deformation, placed: MarkerSet, error: float) -> Labelled:
-            station = self._test.station(name)
-            return near(
-                image, self._test, station, state.cameras.get(name, station.camera),
-                state.cam_from_tunnel.get(name, station.cam_from_tunnel), placed, error, before.get(name),
-                self._hidden.get(name),
-            )  # fmt: skip
-
-        def look(name: str) -> Labelled:
-            error, shots, memory = error_px.get(name, MOST_PX / SIGMAS), self._shots.get(name), self._memory
-            if shots is None:
-                return one(name, images[name], state, placed, error)
-
-            def at(image: Image, when: float) -> Labelled:
-                if instant is None or memory is None:  # how fast the model moves is not known
-                    return one(name, image, state, placed, MOST_PX / SIGMAS)
-                then = predicted(memory, when - memory.instant)
-                return one(name, image, then, displaced(self._test.markers, then), error)
-
-            return shots.look(at, again=instant is None)
-
-        *others, own = images
-        jobs = [self._pool.submit(look, name) for name in others]
-        last = look(own)  # here: a thread less to wait for
-        return {**{name: job.result() for name, job in zip(others, jobs, strict=True)}, own: last}
 
     def _identify(
         self, labelled: dict[str, Labelled], start: Deformation | None, *, free_moved: bool = True
@@ -336,14 +273,9 @@ class _Follower:
         self._solved = solved
 
     # --- without -----------------------------------------------------------------------------
-    def _everything(self, images: dict[str, Image]) -> dict[str, Detections | str]:
-        """All spots of every image; or why there are none."""
-        jobs = {n: self._pool.submit(everything, i, self._test, self._test.station(n)) for n, i in images.items()}
-        return {name: job.result() for name, job in jobs.items()}
-
     def _cold(self, images: dict[str, Image], spots: dict[str, Detections | str]) -> Any:
         """State, spots and observations from nothing; or why not, as text."""
-        found = anywhere(spots, self._test, [n for n in spots if n not in self._shots], self._pool)
+        found = anywhere(spots, self._test, [n for n in spots if n not in self._looking.shots], self._pool)
         labelled, self._left_out = found.labelled, found.left_out
         last = {n: s for n, s in self._last.items() if n in labelled and n not in self._left_out}
         self._last = labelled | last
@@ -360,7 +292,7 @@ class _Follower:
     def _admitted(self, images: dict[str, Image], state: Deformation) -> bool:
         """Whether cameras are believed again, because they show the markers where the others say that they are."""
         before, placed = len(self._left_out), displaced(self._test.markers, state)
-        for name in [n for n in self._left_out if n in images and n not in self._shots]:
+        for name in [n for n in self._left_out if n in images and n not in self._looking.shots]:
             station = self._test.station(name)
             there = near(
                 images[name], self._test, station, station.camera, station.cam_from_tunnel, placed, 0.0, None,
@@ -397,7 +329,9 @@ class _Follower:
         self._hidden = {n: h for n in images if (h := self._hidden_from(n, answer)) is not None}
         # The markers that the labels left out, and cameras that have none, from what is known now.
         error = {n: max(LEAST_PX, 2 * answer.rms_px) / SIGMAS for n in seen}
-        again = self._look_near(images, answer, displaced(self._test.markers, answer), error, seen)
+        again = self._looking.near(
+            images, answer, displaced(self._test.markers, answer), error, seen, self._hidden, self._memory
+        )
         if sum(len(s.marker) for s in again.values()) < FEWER * sum(len(s.marker) for s in seen.values()):
             again = seen
         if self._test.marker_cov is None:
@@ -424,7 +358,7 @@ class _Follower:
             errors = {n: max(before.error_px.get(n, 0.0) * FORGET, e) for n, e in errors.items()}
         velocity = velocity_of(before, state, instant)
         kept = {n: s for n, s in (before.labelled if before else {}).items() if n not in labelled}
-        for name, shots in self._shots.items():
+        for name, shots in self._looking.shots.items():
             if name in labelled:
                 shots.keep()
         self._memory = Memory(state, instant, velocity, errors, {**kept, **labelled})
