@@ -191,6 +191,8 @@ class Search:
                 start = self._try(trial, start, stop_at=np.inf, known=known)
                 if start == len(trial.links.spots):
                     break
+        if self.task.fixed:
+            self._move_to_labels()
         return True
 
     def _move_to_labels(self) -> None:
