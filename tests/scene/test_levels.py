@@ -31,6 +31,22 @@ def test_even_pictures_and_numbers_that_are_no_levels_clip_nowhere(levels):
     assert clipped_level(levels) == np.inf
 
 
+@pytest.mark.parametrize(("noise", "clipped"), [(0.0, False), (0.1, False), (1.0, False)])
+def test_an_even_plate_with_hardly_any_noise_is_not_clipped(noise, clipped):
+    """Its levels pile up as those of a clipped one do; where noise is more than rounding they do not."""
+    rng, (y, x) = np.random.default_rng(3), np.indices((240, 320))
+    plate = np.where((np.abs(x - 160) < 120) & (np.abs(y - 120) < 90), 180.3, 20.0)
+    edge = np.clip(1.5 - np.hypot(x - 160, y - 120) / 20, 0, 1) * 100
+    levels = np.rint(plate - edge + noise * rng.normal(size=x.shape)).astype(np.uint8)
+    assert np.isfinite(clipped_level(levels)) == clipped
+
+
+def test_masks_have_no_saturated_pixels():
+    mask = np.where(np.random.default_rng(4).random((40, 50)) < 0.4, 255, 0).astype(np.uint8)
+    assert saturation_level(mask) == np.inf
+    assert saturation_level(picture(240)) == 240
+
+
 @pytest.mark.parametrize("times", [1, 4, 16, 12])
 def test_bits_that_no_level_has_are_unused(times):
     own = picture(10_000) * np.uint16(times)

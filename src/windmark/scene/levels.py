@@ -9,6 +9,10 @@ PLATEAU, STEP = 20, 5
 """So many pixels at a picture's largest level, and so many times as many as at the next lower one that it has, are a
 clipped picture. The next lower one: levels of a sensor of fewer bits lie several apart."""
 
+NOISY = 0.2
+"""Part of second differences of two levels and more: white noise of a third of a level has one in seven, of half a
+level three in ten, rounding alone hardly any."""
+
 UNUSED, STAMPED, SURE = 8, 1e-3, 20
 """So many low bits are looked at; part of the pixels that may have them all the same (a number of the frame that a
 camera writes into its first pixels); different levels from which on it is no accident that none has them: of twenty
@@ -18,7 +22,8 @@ that happens once in 2^20."""
 def clipped_level(picture: NDArray[np.generic]) -> float:
     """The largest level of a picture of whole numbers that is clipped there, by the pixels that pile up; else inf.
 
-    A camera clips where its electronics do, which may be far below the largest number that a file could hold.
+    A camera clips where its electronics do, which may be far below the largest number that a file could hold. An even
+    plate without noise piles up as well: so the other pixels must show that noise is more than rounding leaves.
     """
     if picture.dtype.kind not in "ui" or not picture.size:
         return float("inf")
@@ -27,7 +32,20 @@ def clipped_level(picture: NDArray[np.generic]) -> float:
     if not PLATEAU <= count < picture.size:
         return float("inf")
     below = int((picture == picture[picture != top].max()).sum())
-    return float(top) if count > STEP * below else float("inf")
+    return float(top) if count > STEP * below and _has_noise(picture, top) else float("inf")
+
+
+def _has_noise(picture: NDArray[np.generic], top: int) -> bool:
+    """Whether second differences along the rows, of pixels below ``top``, are more than what rounding leaves."""
+    levels = np.asarray(picture if picture.ndim == 2 else picture.reshape(len(picture), -1)).astype(np.int64)
+    change = levels[:, :-2] - 2 * levels[:, 1:-1] + levels[:, 2:]
+    below = levels < top
+    inside = change[below[:, :-2] & below[:, 1:-1] & below[:, 2:]]
+    if not inside.size:
+        return True
+    some = np.unique(levels.ravel()[:: max(1, levels.size // 10_000)])
+    step = int(np.gcd.reduce(np.diff(some))) if len(some) > 1 else 1
+    return bool((np.abs(inside) >= 2 * step).mean() > NOISY)
 
 
 def full_scale(picture: NDArray[np.generic]) -> float:
@@ -47,7 +65,12 @@ def full_scale(picture: NDArray[np.generic]) -> float:
 
 
 def saturation_level(picture: NDArray[np.generic]) -> float:
-    """The level from which on a pixel says only that there was so much light or more; inf where there is none."""
+    """The level from which on a pixel says only that there was so much light or more; inf where there is none.
+
+    A picture of zeros and full scale alone is a mask, whose numbers are no light.
+    """
+    if picture.dtype.kind in "ui" and ((picture == 0) | (picture == np.iinfo(picture.dtype.name).max)).all():
+        return float("inf")
     return min(clipped_level(picture), full_scale(picture))
 
 
