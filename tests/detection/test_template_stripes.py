@@ -58,6 +58,14 @@ def test_sigmas_hold_in_stripes(period, least, down):
         assert strongest == pytest.approx(1.0 / period, abs=2.0 / 48.0)
 
 
+@pytest.mark.parametrize(("stripes", "period"), [(15.0, 5.3), (30.0, 3.0)])
+def test_strong_stripes_do_not_hide_the_noise_of_each_pixel(stripes, period):
+    """Of 25 and 50 times the noise a fit leaves more along them than the noise: z was up to 74."""
+    z, sigma, _ = fitted((1, 2), stripes=stripes, period=period)
+    assert np.abs(z).max() < 4.0
+    assert (sigma[:, 1] > 0.8 * np.median(fitted((1,))[1])).all()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("radius", "size", "least"), [(12.0, 81, 0.6), (20.0, 131, 0.25), (30.0, 201, 0.05)])
 def test_large_discs_tell_more_frequencies_apart(monkeypatch, radius, size, least):

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 LINES = 24  # at least, and of more those that are strongest
 MISSED = 0.5  # of the differences: where noise without stripes explains no more it has forgotten what each pixel has
 BELIEVED = 0.3  # stripes are, where they leave less than this of the misfit of columns that know nothing of each other
+OFFSETS = slice(1, 3)  # of the parts: columns and rows
 NUMBERS = 500_000  # of images of differences, whose mean is asked: of large windows not all are needed
 INEXACT = 0.02  # of a form: windows are not quite the typical one
 
@@ -97,14 +98,26 @@ def with_stripes(
     best = np.zeros(wide.shape[1])
     if misfit[1][1] < BELIEVED * misfit[0][1]:
         best[parts] = misfit[1][0] / unit[parts]
-    elif (rough[:, : len(given)] @ given < MISSED * smooth.mean(axis=1)).any():
+    elif _misses(given, smooth, rough):
         best[list(family)] = misfit[0][0] / unit[list(family)]
     else:
         return None
+    if _misses(best[: len(given)], smooth, rough):  # stripes so strong that what the fit makes of them hides all else
+        best[0] = (smooth.mean(axis=1) / np.maximum(rough[:, 0], 1e-300)).min()
     square = best @ np.concatenate([wide[: expected.shape[1]], wide[len(each) : -len(smooth)]]) @ best
     strengths = no_stripes(count)
     strengths[kept] = best[2 * PARTS :]
     return (best[: 2 * PARTS], strengths), float(wide[0] @ best), float(square)
+
+
+def _misses(strengths: Array, smooth: Array, rough: Array) -> bool:
+    """Whether parts other than columns and rows explain less of the differences than they must.
+
+    Columns and rows leave nothing in those along them but for what the fit makes of them.
+    """
+    own = strengths.reshape(2, -1).copy()
+    own[:, OFFSETS] = 0.0
+    return bool((rough[:, : strengths.size] @ own.ravel() < MISSED * smooth.mean(axis=1)).any())
 
 
 def unsure(forms: Array) -> Array:
