@@ -171,7 +171,7 @@ def lead(best: Solution, other: Solution, limits: Limits) -> float:
 def shift_of(best: Solution, others: Sequence[Solution], limits: Limits) -> Solution | None:
     """Another labelling that only spots speak against which it leaves, and may leave: a board beyond its table."""
     for other in others if not best.is_bent else ():
-        if other.is_bent or not other_labels(best, other, rules.SHIFTED) or not any(map(len, _in_both(best, other))):
+        if other.is_bent or not other_labels(best, other, rules.SHIFTED) or not any(map(len, in_both(best, other))):
             continue  # of other spots altogether it is a second copy
         if best.lead_by_missing(other) >= limits.margin:
             continue
@@ -183,11 +183,11 @@ def shift_of(best: Solution, others: Sequence[Solution], limits: Limits) -> Solu
 
 def _scale_by_common(best: Solution, other: Solution, limits: Limits) -> float:
     """What an unknown sigma adds to the lead (nats) by the spots that both explain."""
-    both = _in_both(best, other)
+    both = in_both(best, other)
     return of_scale(best, limits, both) - of_scale(other, limits, both)
 
 
-def _in_both(one: Solution, other: Solution) -> list[NDArray[np.int64]]:
+def in_both(one: Solution, other: Solution) -> list[NDArray[np.int64]]:
     """Spots of each camera that both solutions explain."""
     return [np.intersect1d(one.pairs(c)[0], other.pairs(c)[0]) for c in range(len(one.counts))]
 

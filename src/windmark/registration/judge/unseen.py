@@ -19,6 +19,7 @@ import numpy as np
 from windmark.errors import g2
 from windmark.registration import rules
 from windmark.registration.judge.first_order import Look
+from windmark.registration.judge.own import in_both
 from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.state import EXPECTED, PAIRS
 from windmark.registration.settle._kernels.worth import LINKS, PER_LINK, SEEN_LEAST, SEEN_MOST
@@ -48,12 +49,11 @@ def unchecked_shift(best: Solution, shifted: Solution | None) -> list[Unchecked]
     """What is to be said of a labelling that is shifted, if there is one."""
     if shifted is None:
         return []
-    c = max(best.seeing, key=lambda n: len(np.intersect1d(best.pairs(n)[0], shifted.pairs(n)[0])))
-    (spot, marker), (there, other) = best.pairs(c), shifted.pairs(c)
-    _, one, two = np.intersect1d(spot, there, return_indices=True)
-    names = best.views.planes[c].task.markers.name
-    middle = len(one) // 2
-    return [Unchecked("shift", SHIFT.format(best=names[marker[one[middle]]], other=names[other[two[middle]]]), c)]
+    both = in_both(best, shifted)
+    c = max(best.seeing, key=lambda n: len(both[n]))
+    middle, names = both[c][len(both[c]) // 2], best.views.planes[c].task.markers.name
+    here, there = (names[marker[spot == middle][0]] for spot, marker in (best.pairs(c), shifted.pairs(c)))
+    return [Unchecked("shift", SHIFT.format(best=here, other=there), c)]
 
 
 def unchecked_bend(look: Look) -> list[Unchecked]:

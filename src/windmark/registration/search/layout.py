@@ -123,12 +123,9 @@ class Layout:
             return self.symmetries
         if label not in self._at:
             more = symmetries_at(self.model, *label, LEAST_AT, SYMMETRIES_AT)
-            turned, shifted = motions_of(self.model.xyz, more, 1.0)
-            onto, turn, shift = self.symmetries
-            self._at[label] = (
-                np.concatenate([onto, more]), np.concatenate([turn, turned]), np.concatenate([shift, shifted])
-            )  # fmt: skip
-        return self._at[label]
+            self._at[label] = more, *motions_of(self.model.xyz, more, 1.0)
+        (onto, turn, shift), (more, turned, shifted) = self.symmetries, self._at[label]
+        return np.concatenate([onto, more]), np.concatenate([turn, turned]), np.concatenate([shift, shifted])
 
     @cached_property
     def mirrors(self) -> tuple[Ints, Array, Array]:
