@@ -70,6 +70,20 @@ def test_saturated(polarity):
     assert not (free.flags & SATURATED).any()
 
 
+@pytest.mark.parametrize("top", [4095, 3900])
+def test_a_camera_that_clips_below_the_largest_number_of_its_files(top):
+    """Twelve bits in a file of sixteen, and electronics that end before: found as if it had been given."""
+    image, xy = scene(level=top - 500.0, depth=-700.0, noise=10.0)
+    counts = np.clip(np.rint(image), 0, top).astype(np.uint16)
+    options = {"polarity": "bright", "photometry": "additive"}
+    fits, told = (refine_template(counts, xy, 3.0, saturation=s, **options) for s in (None, float(top)))
+    assert (fits.flags & SATURATED > 0).all()
+    np.testing.assert_array_equal(fits.xy, told.xy)
+    unseen = refine_template(counts, xy, 3.0, saturation=np.inf, **options)
+    assert abs(fits.frame.blur_px - 0.7) < 0.05 < 0.2 < abs(unseen.frame.blur_px - 0.7)  # edges cut off look steep
+    assert np.hypot(*(fits.xy - xy).T).mean() < np.hypot(*(unseen.xy - xy).T).mean()
+
+
 def test_saturated_paint_is_the_paints_level():
     """A white drawing: most of every window is at the largest number."""
     image, xy = scene(level=255.0, depth=255.0, noise=0.0)

@@ -22,6 +22,7 @@ from windmark.detection.template.request import Request, Scene
 from windmark.detection.template.result import Frame, TemplateFits
 from windmark.errors import UsageError
 from windmark.options.detection import POLARITY
+from windmark.scene.levels import saturation_level
 
 __all__ = ["Frame", "FrameNoise", "TemplateFits", "frame_blur", "refine_template"]
 
@@ -57,8 +58,8 @@ def refine_template(
     blur_px : blur of the frame, or blur and its spread; None finds both from the clean markers
     noise : noise of the frame; None finds it from the clean markers
     mask : (H, W), only pixels where it is true are used
-    saturation : grey level from which on a pixel is left out, unless most of a window is; None takes the largest number
-        of an integer type
+    saturation : grey level from which on a pixel is left out, unless most of a window is; None takes the level at which
+        the picture itself ends, see `windmark.scene.levels.saturation_level`
     robust : contaminated markers are fitted again: with a line across them if there is one, else with Tukey's weights
         for the frame's noise
 
@@ -102,7 +103,7 @@ def make_scene(
     """What the fits of one image have in common, checked."""
     sign, multiplicative, grey = check_polarity(polarity), check_photometry(photometry), check_image(image)
     if saturation is None:
-        saturation = float(np.iinfo(grey.dtype.name).max) if grey.dtype.kind in "iu" else np.inf
+        saturation = saturation_level(grey)
     if not saturation > -np.inf:
         raise UsageError(f"saturation must be a grey level or None, got {saturation!r}")
     usable = check_mask(mask, grey.shape)
