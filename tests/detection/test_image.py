@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from windmark.detection.image import check_image, grey_rows, levels_of, prepare, usable_sample
+from windmark.detection.image import check_image, dead_pixels, grey_rows, levels_of, prepare, usable_sample
 
 
 @pytest.mark.parametrize(
@@ -99,3 +99,11 @@ def test_nothing_to_find():
 def test_wrong_images_are_named(image, word):
     with pytest.raises(ValueError, match=word):
         check_image(image)
+
+
+def test_hot_and_dead_pixels_of_a_picture():
+    image = np.random.default_rng(2).normal(800, 5, (40, 50)).astype(np.uint16)
+    assert dead_pixels(image) is None
+    assert dead_pixels(np.full((9, 9), np.nan)) is None
+    image[7, 9], image[20, 30] = 5000, 3
+    assert np.argwhere(dead_pixels(image)).tolist() == [[7, 9], [20, 30]]

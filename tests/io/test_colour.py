@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from windmark.detection.template.refine import refine_template
-from windmark.io import MOSAICS, FileError, from_mosaic, read_grey, to_grey, write_image
+from windmark.io import MOSAICS, FileError, from_mosaic, read_grey, read_levels, to_grey, write_image
+from windmark.io.colour import APART, made_of_saturated
+from windmark.resection import noise_law
 
 RNG = np.random.default_rng(3)
 
@@ -114,3 +116,39 @@ def test_colours_that_are_not_there(tmp_path):
         to_grey(rgb[..., 0], channel="red")
     with pytest.raises(ValueError, match="mosaic must be"):
         from_mosaic(rgb, "RGGB")
+
+
+def test_pixels_made_of_one_saturated_colour_are_known(tmp_path):
+    """Their grey is far below the highest level."""
+    colours = RNG.integers(40, 200, (30, 40, 3)).astype(np.uint8)
+    colours[4:9, 5:11, 0] = 255
+    write_image(tmp_path / "a.png", colours)
+    read = read_levels(tmp_path / "a.png")
+    assert (read.grey.max() < 220, read.apart) == (True, 1)
+    np.testing.assert_array_equal(read.mixed, colours[..., 0] == 255)
+    assert read_levels(tmp_path / "a.png", channel="red").mixed is None  # its own levels say so
+    assert made_of_saturated(colours[..., 1]) is None
+    colours[4:9, 5:11, 0] = 254 - np.arange(6)
+    assert made_of_saturated(colours) is None
+
+
+@pytest.mark.parametrize("channel", ["grey", "green", "red"])
+def test_pixels_made_of_saturated_ones_of_a_mosaic_are_known(channel):
+    mosaic = RNG.integers(200, 900, (30, 40)).astype(np.uint16)
+    mosaic[10, 14] = mosaic[21, 25] = 65535  # red, and blue
+    whole = np.zeros(mosaic.shape, bool)
+    for j, i in ((10, 14), (21, 25)) if channel == "grey" else ((10, 14),):
+        whole[j - 1 : j + 2, i - 1 : i + 2] = True
+    found = made_of_saturated(mosaic, channel, "RGGB")
+    np.testing.assert_array_equal(np.zeros_like(whole) if found is None else found, whole & (channel != "green"))
+
+
+def test_the_noise_of_a_mosaics_grey_is_that_of_pixels_which_share_none():
+    mosaic = RNG.normal(1000.0, 30.0, (400, 400))
+    for channel in ("grey", "green", "blue"):
+        grey = from_mosaic(mosaic, "RGGB", channel=channel)
+        law = noise_law(grey, apart=APART)
+        # Of one colour some pixels are measured, and means over two or four of them less noisy.
+        assert law.variance(1000.0) == pytest.approx(grey.var(), rel=0.05 if channel == "grey" else 0.35)
+        assert 0.2 < law.alike <= 1.0
+    assert noise_law(from_mosaic(mosaic, "RGGB")).variance(1000.0) < 0.03 * from_mosaic(mosaic, "RGGB").var()

@@ -9,6 +9,7 @@ from windmark import synth
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform.project import ValuesEntry
 from windmark.pipeline.deform.values import away_from, inside_px, surface_values
+from windmark.pipeline.light import light_of
 from windmark.scene import MarkerSet, Mesh
 
 CAMERA = Camera((80, 60), 100.0)
@@ -156,7 +157,7 @@ def test_saturated_nodes_have_no_value():
     mesh = mesh_of(sheet(-2, 2, -1, 1, 10, n=41))
     image = np.full((60, 80), 150, np.uint8)
     image[:, 40:] = 255
-    values = surface_values(image, mesh, CAMERA, AHEAD, ValuesEntry(edge_px=0.0))
+    values = surface_values(light_of(image), mesh, CAMERA, AHEAD, ValuesEntry(edge_px=0.0))
     x = CAMERA.project(mesh.vertices)[0][:, 0]
     assert (values[x <= 39] == 150.0).all()
     assert np.isnan(values[x > 39.01]).all()

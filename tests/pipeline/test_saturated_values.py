@@ -1,5 +1,7 @@
 """Nodes whose pixels are at the picture's highest level have no value, and it is said how many."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -85,3 +87,28 @@ def test_where_one_picture_is_saturated_merged_values_are_the_others(tmp_path):
     middle = np.hypot(*plate().vertices[:, :2].T) < 0.15
     assert middle.any()
     np.testing.assert_allclose(value[middle], 200.0, atol=10.0)
+
+
+def test_nodes_on_pixels_made_of_one_saturated_colour_have_no_value(tmp_path):
+    item = result("a", 0.3)
+    mixed = np.zeros((H, W), bool)
+    mixed[40:44, 60:64] = True
+    done = map_image(replace(item, mixed=mixed), project(tmp_path, ["a"]), plate(), (), (), silent)
+    gone = done.nodes.visible & np.isnan(done.values)
+    assert gone.any()
+    assert "at the highest level of at least one colour" in done.saturated
+    assert (done.saturated_part, done.dead) == (gone.sum() / done.nodes.visible.sum(), "")
+
+
+def test_nodes_on_hot_and_dead_pixels_have_no_value(tmp_path):
+    item = result("a", 0.3)
+    image = np.rint(item.image).astype(np.uint16)
+    image[45, 60], image[50, 70] = 9000, 0
+    work = project(tmp_path, ["a"])
+    done = map_image(replace(item, image=image), work, plate(), (), (), silent)
+    gone = done.nodes.visible & np.isnan(done.values)
+    assert done.dead.startswith(f"{gone.sum()} of {done.nodes.visible.sum()} nodes that it shows have no value: their")
+    assert 0 < gone.sum() < 40
+    assert (done.saturated, np.nanmax(done.values) < 215) == ("", True)
+    verdict = run_verdict(RunResult(work, None, plate(), (done,), {}))
+    assert [f.cause for f in verdict.findings] == ["few"]  # poses were given

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from windmark.resection import noise_law
+from windmark.geometry import Camera, Pose
+from windmark.resection import NoiseLaw, noise_law, sample_points
 from windmark.resection.noise import BINS, LEAST
+from windmark.scene import Mesh
 
 
 def light(rows=300, columns=300, low=100.0, high=900.0):
@@ -103,3 +105,37 @@ def test_the_law_keeps_what_is_not_known():
     np.testing.assert_array_equal(law.variance([np.nan, 3.0]), [np.nan, 1 / 12])
     with pytest.raises(ValueError, match=r"image must be \(H, W\), got \(4, 4, 3\)"):
         noise_law(np.zeros((4, 4, 3)))
+
+
+def test_noise_of_pixels_far_apart_is_the_same_where_each_has_its_own(rng):
+    image = rng.normal(light(), 5.0)
+    far = noise_law(image, apart=4)
+    assert far.variance(500.0) == pytest.approx(25.0, rel=0.05)
+    assert far.alike < 0.05
+    assert noise_law(image[:8], apart=4).constant == 0.0
+    assert noise_law(np.ones((8, 90), np.uint8), apart=4).constant == 1 / 12
+    with pytest.raises(ValueError, match="apart"):
+        noise_law(image, apart=0)
+
+
+def test_means_over_pixels_have_noise_that_is_alike(rng):
+    """Of 3 x 3 pixels a ninth of the variance; the mixed difference of neighbours has hardly any of it."""
+    from scipy.ndimage import uniform_filter
+
+    law = noise_law(uniform_filter(rng.normal(light(), 9.0), 3), apart=4)
+    assert law.variance(500.0) == pytest.approx(9.0, rel=0.1)
+    assert law.alike > 0.8
+
+
+def test_a_value_between_pixels_has_less_noise_only_where_that_of_neighbours_is_not_alike():
+    camera, pose = Camera((40, 30), 50.0), Pose.look_at((0, 0, 4.0), np.zeros(3), (0, 1.0, 0))
+    plate = Mesh.make([[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]], [[0, 1, 2], [0, 2, 3]])
+    asked = np.stack([np.linspace(-0.5, 0.5, 40), np.zeros(40), np.zeros(40)], axis=1)
+    sigma = {}
+    for alike in (0.0, 0.5, 1.0):
+        law = NoiseLaw(4.0, 0.0, 0.0, alike)
+        found = sample_points(np.full((30, 40), 7.0), camera, pose, plate, asked, noise=law, interpolation="linear")
+        sigma[alike] = found.sigma
+    np.testing.assert_allclose(sigma[1.0], 2.0)
+    np.testing.assert_allclose(sigma[0.5] ** 2, (sigma[0.0] ** 2 + 4.0) / 2)
+    assert sigma[0.0].min() < 1.5

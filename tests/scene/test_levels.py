@@ -26,9 +26,30 @@ def test_levels_that_lie_several_apart_clip_only_where_they_pile_up(factor):
     assert clipped_level(picture(240) * np.uint16(factor)) == 240 * factor
 
 
-@pytest.mark.parametrize("levels", [np.full((40, 40), 90, np.uint8), picture(240).astype(float), np.zeros((0, 0), int)])
+@pytest.mark.parametrize("levels", [
+    np.full((40, 40), 90, np.uint8), np.zeros((0, 0), int), np.full((9, 9), np.nan), picture(240) > 200,
+    np.where(picture(240) > 200, 0.5, 0.0),
+])  # fmt: skip
 def test_even_pictures_and_numbers_that_are_no_levels_clip_nowhere(levels):
     assert clipped_level(levels) == np.inf
+
+
+@pytest.mark.parametrize("scale", [1.0, 1 / 255])
+@pytest.mark.parametrize("noise", [0.0, 0.05, 3.0])
+def test_pictures_of_floats_clip_where_noise_ends_at_one_number(scale, noise):
+    """A smooth picture with an even plate does not: its second differences do not change their sign at every pixel."""
+    y, x = np.indices((240, 320))
+    light = 100 + 80 * np.sin(x / 75) * np.cos(y / 65) + noise * np.random.default_rng(5).normal(size=x.shape)
+    for kind in (np.float32, np.float64):
+        clipped = (np.minimum(light, 160.0) * scale).astype(kind)
+        clipped[3, 5:9] = np.nan
+        assert clipped_level(clipped) == (np.fmax.reduce(clipped, axis=None) if noise else np.inf)
+        assert clipped_level((light * scale).astype(kind)) == np.inf
+
+
+def test_floats_that_lie_on_levels_clip_as_whole_numbers_do():
+    assert clipped_level(picture(240) / 255) == 240 / 255
+    assert clipped_level(picture(10_000) / 255) == np.inf
 
 
 @pytest.mark.parametrize(("noise", "clipped"), [(0.0, False), (0.1, False), (1.0, False)])

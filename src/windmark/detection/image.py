@@ -150,6 +150,25 @@ def grey_rows(
     return g[first - top : last - top], missing or bool(len(dead))
 
 
+def dead_pixels(image: ArrayLike) -> NDArray[np.bool_] | None:
+    """(H, W) the hot and dead pixels of an image, which leave the range of their neighbours as nothing does that an
+    optic has imaged; None where there are none. `detect` leaves them out by itself.
+    """
+    from windmark.detection._kernels import dead
+
+    grey = check_image(image)
+    sample = usable_sample(grey, None)
+    if sample.size == 0:
+        return None
+    levels = levels_of(grey, 1.0, None, sample)
+    found = dead.dead_pixels(_shifted(grey, None, 1.0, levels.offset)[0], levels.dead, DEAD_RATIO)
+    if not len(found):
+        return None
+    out = np.zeros(grey.shape, bool)
+    out[found[:, 0], found[:, 1]] = True
+    return out
+
+
 def _shifted(
     image: NDArray[np.generic], use: NDArray[np.bool_] | None, sign: float, offset: float
 ) -> tuple[Pixels, bool]:

@@ -30,10 +30,12 @@ from windmark.io.grid_file import (
     written_grid_format,
 )
 from windmark.io.images import (
+    Levels,
     page_count,
     read_grey,
     read_image,
     read_images,
+    read_levels,
     write_image,
     write_images,
 )
@@ -96,7 +98,8 @@ __all__ = [
     "is_recording", "notes_of", "one_picture", "picture_name", "pictures", "times_of", "write_frames",
     "GRID_FORMATS", "GRID_SUFFIXES", "UNIT_FORMATS", "GridFile", "fitting_layouts", "grid_format", "read_grid_file",
     "write_grid_file", "written_grid_format", "read_marker_covariance", "read_marker_unit", "told_quantity",
-    "write_tgts", "page_count", "read_grey", "read_image", "read_images", "read_mask", "to_grey", "to_json",
+    "write_tgts", "page_count", "read_grey", "read_image", "read_images", "read_levels", "read_mask", "to_grey",
+    "Levels", "to_json",
     "write_image", "write_images", "write_pixels",
     "write_camera", "write_detections", "write_json", "write_marker_covariance", "write_markers", "write_matches",
     "write_point_values", "write_table",

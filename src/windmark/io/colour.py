@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.errors import UsageError
 from windmark.options.detection import BAYER, CHANNEL
+from windmark.scene.levels import saturation_level
 
 Image = NDArray[Any]
+Mask = NDArray[np.bool_]
 
 CHANNELS = CHANNEL.choices
 MOSAICS = BAYER.choices
@@ -18,6 +20,11 @@ MOSAICS = BAYER.choices
 
 RED, GREEN, BLUE = 0.299, 0.587, 0.114
 """Weights of `to_grey` (ITU-R BT.601, as OpenCV and Pillow have them)."""
+
+
+APART = 4
+"""Pixels of a grey picture made of a mosaic that are so far apart have no pixel of it in common, and are of the same
+kind, measured or interpolated."""
 
 
 def to_grey(image: ArrayLike, *, channel: str = CHANNEL.default) -> Image:
@@ -75,14 +82,31 @@ def from_mosaic(mosaic: ArrayLike, pattern: str, *, channel: str = CHANNEL.defau
     values = values.astype(np.float64 if values.dtype.itemsize > 4 else np.float32)
     if channel == "grey":
         return _binomial(values)
-    mine = np.zeros((2, 2), dtype=values.dtype)
-    for k, letter in enumerate(pattern):
-        mine[divmod(k, 2)] = letter == channel[0].upper()
-    height, width = values.shape
-    here = np.tile(mine, (height // 2 + 1, width // 2 + 1))[:height, :width]
-    mean = _binomial(np.where(here > 0, values, 0)) * 4.0
+    here = _of_colour(pattern, channel, values.shape)
+    mean = _binomial(np.where(here, values, 0)) * 4.0
     # Green has two of four pixels: elsewhere the kernel sees four of them, half a weight; there it would smooth.
-    return np.where(here > 0, values, mean / mine.sum())
+    return np.where(here, values, mean / here[:2, :2].sum())
+
+
+def made_of_saturated(image: ArrayLike, channel: str = CHANNEL.default, bayer: str | None = None) -> Mask | None:
+    """(H, W) pixels of `to_grey` or `from_mosaic` that were made of saturated ones; None where there is none such.
+
+    Where one colour alone is saturated, the grey that it has a part in is below its own highest level. None, too, of
+    pictures whose grey is as they were stored: `scene.levels` knows those by themselves.
+    """
+    raw = np.asarray(image)
+    if bayer is None and (raw.ndim == 2 or raw.shape[2] < 3 or channel != "grey"):
+        return None
+    planes = [raw[..., k] for k in range(3)] if bayer is None else [raw]
+    levels = [saturation_level(plane) for plane in planes]
+    if bayer is not None and channel != "grey":
+        colour = _of_colour(bayer, channel, raw.shape)
+        levels[0] = min(levels[0], saturation_level(raw[colour]))
+        planes[0] = np.where(colour, raw, 0)
+    full = np.logical_or.reduce([np.asarray(p >= level) for p, level in zip(planes, levels, strict=True)])
+    if not full.any():
+        return None
+    return full if bayer is None else _binomial(full.astype(np.float32)) > 0
 
 
 def check_channel(channel: str) -> None:
@@ -95,6 +119,13 @@ def check_mosaic(pattern: str) -> None:
     """ValueError for an unknown pattern."""
     if pattern not in MOSAICS:
         raise UsageError(f"bayer must be one of {', '.join(MOSAICS)}, got {pattern!r}")
+
+
+def _of_colour(pattern: str, channel: str, shape: tuple[int, ...]) -> Mask:
+    """Where a mosaic has the pixels of a colour."""
+    mine = np.array([letter == channel[0].upper() for letter in pattern]).reshape(2, 2)
+    height, width = shape
+    return np.tile(mine, (height // 2 + 1, width // 2 + 1))[:height, :width]
 
 
 def _binomial(values: Image) -> Image:

@@ -13,7 +13,7 @@ import os
 from collections.abc import Generator, Iterable
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,7 @@ from windmark.errors import UsageError
 from windmark.io import _pillow
 from windmark.io._tiff import open_tiff
 from windmark.io.atomic import atomic_path, atomic_write, told_file
-from windmark.io.colour import check_channel, check_mosaic, from_mosaic, to_grey
+from windmark.io.colour import APART, check_channel, check_mosaic, from_mosaic, made_of_saturated, to_grey
 from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.address import FrameAddress, frame_address
 from windmark.io.recordings.open import frames, recording_kind
@@ -120,6 +120,37 @@ def read_grey(
     FileError
         As `read_image`; also where the file has not the colours that are asked for.
     """
+    return _grey_and_raw(path, page, channel, bayer)[0]
+
+
+class Levels(NamedTuple):
+    """A grey picture (H, W) and its pixels.
+
+    Parameters
+    ----------
+    grey : see `read_grey`
+    mixed : (H, W) which were made of saturated ones, see `colour.made_of_saturated`; None where none was
+    apart : the noise of pixels that are so far apart is independent
+    """
+
+    grey: Image
+    mixed: NDArray[np.bool_] | None
+    apart: int
+
+
+def read_levels(
+    path: Pathlike | Frame, *, page: int | Literal["only"] = ONLY, channel: str = CHANNEL.default,
+    bayer: str | None = None,
+) -> Levels:  # fmt: skip
+    """`read_grey`, and what must be known of its pixels where values are taken of them."""
+    grey, raw, bayer = _grey_and_raw(path, page, channel, bayer)
+    return Levels(grey, made_of_saturated(raw, channel, bayer), 1 if bayer is None else APART)
+
+
+def _grey_and_raw(
+    path: Pathlike | Frame, page: int | Literal["only"], channel: str, bayer: str | None
+) -> tuple[Image, Image, str | None]:
+    """The grey picture, the stored one, and the pattern of the mosaic that this is."""
     check_channel(channel)
     if bayer is not None:
         check_mosaic(bayer)
@@ -129,7 +160,8 @@ def read_grey(
         raise FileError(path, f"the shape is {picture.shape}; expected (H, W), the mosaic of a colour sensor, as bayer")
     if channel != "grey" and bayer is None and (picture.ndim == 2 or picture.shape[2] < 3):
         raise FileError(path, f"a picture without colours; expected colours to take {channel} from")
-    return to_grey(picture, channel=channel) if bayer is None else from_mosaic(picture, bayer, channel=channel)
+    grey = to_grey(picture, channel=channel) if bayer is None else from_mosaic(picture, bayer, channel=channel)
+    return grey, picture, bayer
 
 
 def _pictures(path: Pathlike, page: Page) -> Generator[Image, None, None]:

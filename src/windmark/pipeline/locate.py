@@ -87,9 +87,10 @@ def opened(entry: ImageEntry, inputs: Inputs, clock: Clock) -> ImageResult:
     try:
         with clock("read image"):
             page = {} if entry.page is None else {"page": entry.page}
-            image = io.read_grey(entry.file, channel=entry.channel, bayer=entry.bayer, **page)
-        image, filled = without_fill(image)
-        result = replace(result, image=image, quantity=_quantity(entry, image), filled=filled)
+            read = io.read_levels(entry.file, channel=entry.channel, bayer=entry.bayer, **page)
+        image, filled = without_fill(read.grey)
+        result = replace(result, image=image, mixed=read.mixed, apart=read.apart, quantity=_quantity(entry, image),
+                         filled=filled)  # fmt: skip
         _check_size(image, camera, entry)
     except WindmarkError as error:
         result = replace(result, problem=str(error))

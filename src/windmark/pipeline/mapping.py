@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from windmark import resection
 from windmark.errors import DataError, WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.clock import Clock, Progress
+from windmark.pipeline.light import full_pixels
 from windmark.pipeline.merge import picture_of
 from windmark.pipeline.points import PointSet, image_points
 from windmark.pipeline.project import Project
@@ -22,7 +24,7 @@ from windmark.pipeline.results import FramedView, ImageResult, SectionValues, Vi
 from windmark.resection import NodeView, PixelMap
 from windmark.resection.sources import prepare, value_variance
 from windmark.scene import Mesh
-from windmark.scene.levels import saturation_level
+from windmark.scene.levels import missing_at
 
 Array = NDArray[np.float64]
 S = TypeVar("S")
@@ -92,7 +94,7 @@ def map_image(
             tables = image_points(points, source, mesh, max_obliquity_deg=options.max_obliquity_deg)
         result = replace(result, nodes=nodes, values=values, sigma=sigma, views=views, sections=sections, points=tables,
                          left_out=tuple(lost))  # fmt: skip
-        result = _without_saturated(result, project)
+        result = _without_lost(result, image, project)
         if project.output.pixels:
             result = replace(result, pixels=seen)
     except WindmarkError as error:
@@ -100,21 +102,25 @@ def map_image(
     return replace(result, seconds={**result.seconds, **clock.seconds})
 
 
-def _without_saturated(result: ImageResult, project: Project) -> ImageResult:
-    """An image with what is said of its nodes that have no value because their pixels are saturated."""
+def _without_lost(result: ImageResult, light: NDArray[np.generic], project: Project) -> ImageResult:
+    """An image with what is said of its nodes that have no value because their pixels are saturated, hot or dead."""
     assert result.image is not None
     assert result.nodes is not None
     assert result.values is not None
-    level = saturation_level(result.image)
-    if not (result.image >= level).any():  # type: ignore[operator]
+    if light.dtype.kind != "f" or np.isfinite(light).all():
         return result
-    stored = resection.node_values(result.image, result.nodes, interpolation=project.resect.interpolation)
-    shown = int(np.isfinite(stored).sum())
-    gone = int((np.isfinite(stored) & ~np.isfinite(result.values)).sum())
-    if not gone:
-        return result
-    said = f"{gone} of {shown} nodes that it shows have no value: their pixels are saturated, at {level:g} and above"
-    return replace(result, saturated=said, saturated_part=gone / shown)
+    known = partial(resection.node_values, view=result.nodes, interpolation=project.resect.interpolation)
+    stored = np.isfinite(known(result.image))
+    full, level = full_pixels(result.image, result.mixed)
+    lit = np.isfinite(known(missing_at(result.image, full)))
+    shown, gone, dead = (int(which.sum()) for which in (stored, stored & ~lit, lit & ~np.isfinite(result.values)))
+    having = f"of {shown} nodes that it shows have no value: their pixels"
+    if gone:
+        said = f"{gone} {having} are saturated, {level}"
+        result = replace(result, saturated=said, saturated_part=gone / shown)
+    if dead:
+        result = replace(result, dead=f"{dead} {having} are hot or dead ones, or beside such")
+    return result
 
 
 def _each(items: Iterable[S], make: Callable[[S], T], lost: list[str]) -> tuple[T, ...]:

@@ -65,8 +65,9 @@ def picture_of(item: ImageResult, noise: resection.NoiseLaw | None = None) -> Pi
     assert item.cam_from_model is not None
     cov = item.pose_cov if item.registered is None else item.registered.cov
     whole, light = item.quantity.of(item.image), item.light
-    if noise is None and light is not whole:
-        noise = resection.noise_law(whole)  # of the levels as the camera stored them, with the noise of rounding
+    if noise is None and (light is not whole or item.apart > 1):
+        # Of the levels as the camera stored them, with the noise of rounding.
+        noise = resection.noise_law(whole, apart=item.apart)
     return Picture(item.name, light, item.camera, item.cam_from_model, noise, cov)
 
 

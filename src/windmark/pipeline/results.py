@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from windmark.detection import RadiusEstimate
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.at_pose import AtPose
+from windmark.pipeline.light import light_of
 from windmark.pipeline.points import PointTable
 from windmark.pipeline.project import Project
 from windmark.pipeline.quantity import Quantity
 from windmark.registration import NotRegistered, Registration, RigRegistration
 from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
-from windmark.scene.levels import saturated_as_missing
 from windmark.tasks.together import Together
 
 if TYPE_CHECKING:
@@ -96,8 +96,9 @@ class ImageResult:
     ``said`` what was decided about it. ``instant`` has the cameras of a rig with which it was registered.
     ``image`` is as in the file, but for fill values, which are NaN and which ``filled`` names; values, their 1
     ``sigma``, views, sections and ``aligned`` are in ``quantity``.
+    ``mixed`` are the pixels that were made of saturated ones, of a colour or a mosaic, ``apart`` see `io.Levels`.
     ``saturated`` says how many nodes have no value because their pixels are at the highest level, ``saturated_part``
-    which part of those that it shows.
+    which part of those that it shows; ``dead`` how many because of hot or dead pixels.
     ``at_pose`` is what it shows of the markers at a pose that was known.
     ``problem`` says in words why it went no further; None when all is well. ``left_out``: views and sections that are
     missing, with the reason.
@@ -129,9 +130,12 @@ class ImageResult:
     seconds: dict[str, float] = field(default_factory=dict)
     problem: str | None = None
     left_out: tuple[str, ...] = ()
+    mixed: NDArray[np.bool_] | None = None
+    apart: int = 1
     filled: str = ""
     saturated: str = ""
     saturated_part: float = 0.0
+    dead: str = ""
 
     @property
     def registered(self) -> Registration | None:
@@ -140,9 +144,9 @@ class ImageResult:
 
     @property
     def light(self) -> NDArray[np.generic]:
-        """(H, W) the image in its quantity, as values are taken of it: NaN where it is saturated."""
+        """(H, W) the image in its quantity, as values are taken of it, see `light_of`."""
         assert self.image is not None
-        return saturated_as_missing(self.quantity.of(self.image), self.image)[0]
+        return light_of(self.image, self.mixed, self.quantity)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,19 +23,22 @@ _MEDIAN = 0.6744897501960817
 class NoiseLaw:
     """Variance of one pixel by its grey level v: ``constant + slope v``, at least ``least``.
 
-    Shot noise makes the slope; with a black level the constant may be negative (photon transfer curve).
+    Shot noise makes the slope; with a black level the constant may be negative (photon transfer curve). ``alike`` is
+    the correlation of the noise of neighbours: 0 where every pixel has its own, near 1 where a picture was made of
+    means over several.
     """
 
     constant: float
     slope: float
     least: float
+    alike: float = 0.0
 
     def variance(self, level: ArrayLike) -> Array:
         """Variance at grey levels (...), NaN kept."""
         return np.maximum(self.constant + self.slope * np.asarray(level, dtype=float), self.least)
 
 
-def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS) -> NoiseLaw:
+def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int = 1) -> NoiseLaw:
     """Noise of a picture by its grey level.
 
     From the mixed second differences of 3 x 3 pixels, in which every surface that is smooth along rows or along columns
@@ -46,11 +49,13 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS) -> NoiseLaw:
     ----------
     image : (H, W), NaN pixels are left out
     most : more pixels than so many are not looked at
+    apart : the noise of pixels that are so far apart is independent: 1 of a camera's picture, more of one that was made
+        of means over several pixels (`io.APART` of colour interpolated from a mosaic)
 
     Returns
     -------
     NoiseLaw; of integer pictures at least 1/12 of a grey level squared, the noise of rounding. Noise that is correlated
-    from pixel to pixel (compressed or smoothed pictures, colour interpolated from a mosaic) is seen too small.
+    from pixel to pixel is seen too small where ``apart`` does not say so (compressed or smoothed pictures).
 
     Raises
     ------
@@ -74,19 +79,31 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS) -> NoiseLaw:
     pixels = np.asarray(image)
     if pixels.ndim != 2:
         raise ValueError(f"noise_law: image must be (H, W), got {pixels.shape}")
+    if not apart >= 1:
+        raise ValueError(f"noise_law: apart must be at least 1 pixel, got {apart!r}")
     least = 1 / 12 if pixels.dtype.kind in "biu" else 0.0
-    step = max(1, int(np.ceil(pixels.size / most)))
-    rows = np.arange(1, max(pixels.shape[0] - 1, 1), step)
-    if not len(rows) or pixels.shape[1] < 3 or pixels.shape[0] < 3:
+    if min(pixels.shape) < 2 * apart + 1:
         return NoiseLaw(least, 0.0, least)
-    above, middle, below = (pixels[rows + k].astype(float) for k in (-1, 0, 1))
+    level, mixed = _differences(pixels, most, apart)
+    law = _fitted(level, mixed, least)
+    if apart == 1 or not len(mixed):
+        return law
+    beside = float(np.median(_differences(pixels, most, 1)[1]))
+    return replace(law, alike=max(0.0, 1 - (beside / max(float(np.median(mixed)), 1e-300)) ** 2))
+
+
+def _differences(pixels: NDArray[np.generic], most: int, apart: int) -> tuple[Array, Array]:
+    """Grey levels, and the mixed second differences of pixels ``apart`` in units of one pixel's noise."""
+    step, far = max(1, int(np.ceil(pixels.size / most))), 2 * apart
+    rows = np.arange(apart, pixels.shape[0] - apart, step)
+    above, middle, below = (pixels[rows + k].astype(float) for k in (-apart, 0, apart))
     down = above - 2 * middle + below
-    mixed = np.abs(down[:, :-2] - 2 * down[:, 1:-1] + down[:, 2:]) / 6
+    mixed = np.abs(down[:, :-far] - 2 * down[:, apart:-apart] + down[:, far:]) / 6
     # The middle column's mean of 3 x 3 is nearly independent of the difference; the pixel itself is not.
     total = above + middle + below
-    level = (total[:, :-2] + total[:, 1:-1] + total[:, 2:]) / 9
+    level = (total[:, :-far] + total[:, apart:-apart] + total[:, far:]) / 9
     good = np.isfinite(mixed)
-    return _fitted(level[good], mixed[good], least)
+    return level[good], mixed[good]
 
 
 def _fitted(level: Array, mixed: Array, least: float) -> NoiseLaw:

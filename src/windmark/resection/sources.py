@@ -243,7 +243,16 @@ def _of_mixing(source: Prepared, xy: Array) -> Array:
 
 
 def _noise_share(source: Prepared, xy: Array) -> Array:
-    """Sum of the squared interpolation weights: which part of a pixel's variance a value has.
+    """Which part of a pixel's variance a value has: the sum of the squared interpolation weights, and of their
+    products where the noise of neighbours is alike (the sum of the weights is 1).
+    """
+    alike = source.noise.alike if isinstance(source.noise, NoiseLaw) else 0.0
+    own = _own_share(source, xy)
+    return own if alike == 0.0 else own + alike * (1 - own)
+
+
+def _own_share(source: Prepared, xy: Array) -> Array:
+    """Sum of the squared interpolation weights.
 
     As `sample_cubic` does: sixteen pixels, or four where one of the sixteen is missing.
     """

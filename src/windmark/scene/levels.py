@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,10 @@ clipped picture. The next lower one: levels of a sensor of fewer bits lie severa
 NOISY = 0.2
 """Part of second differences of two levels and more: white noise of a third of a level has one in seven, of half a
 level three in ten, rounding alone hardly any."""
+MANY, SMOOTH, ALTERNATE = 4096, 1e-5, 0.5
+"""More different numbers of a picture of floats than so many, of ten thousand, lie on no levels. Of white noise, 73 in
+100 second differences have another sign than their neighbour; those that count are beyond so small a part of the
+range, what is left of the numbers' own rounding."""
 ENOUGH, A_FEW = 1_000_000, 1000
 """Pixels, in whole rows, that tell it; pixels that say of a picture that it is no mask."""
 
@@ -22,33 +28,47 @@ that happens once in 2^20."""
 
 
 def clipped_level(picture: NDArray[np.generic]) -> float:
-    """The largest level of a picture of whole numbers that is clipped there, by the pixels that pile up; else inf.
+    """The largest level of a picture (NaN: no pixel) that is clipped there, by the pixels that pile up; else inf.
 
     A camera clips where its electronics do, which may be far below the largest number that a file could hold. An even
     plate without noise piles up as well: so the other pixels must show that noise is more than rounding leaves.
     """
-    if picture.dtype.kind not in "ui" or not picture.size:
+    if picture.dtype.kind not in "uif" or not picture.size:
         return float("inf")
-    top = int(picture.max())
+    top = np.fmax.reduce(picture, axis=None)
     count = int((picture == top).sum())
     if not PLATEAU <= count < picture.size:
         return float("inf")
-    below = int((picture == picture[picture != top].max()).sum())
+    rest = picture[picture < top]
+    below = int((rest == rest.max()).sum()) if rest.size else count
     return float(top) if count > STEP * below and _has_noise(picture, top) else float("inf")
 
 
-def _has_noise(picture: NDArray[np.generic], top: int) -> bool:
-    """Whether second differences along the rows, of pixels below ``top``, are more than what rounding leaves."""
+def _has_noise(picture: NDArray[np.generic], top: np.generic) -> bool:
+    """Whether second differences along the rows, of pixels below ``top``, are more than what rounding leaves.
+
+    Of numbers that lie on no levels rounding leaves nothing, and a smooth picture has such differences, too: then they
+    must change their sign as those of noise do.
+    """
     rows = picture if picture.ndim > 1 else picture[None]
-    levels = rows[:: max(1, picture.size // ENOUGH)].astype(np.int64)
+    sparse = rows[:: max(1, picture.size // ENOUGH)]
+    levels: NDArray[Any] = sparse.astype(np.float64 if picture.dtype.kind == "f" else np.int64)
     change = levels[:, :-2] - 2 * levels[:, 1:-1] + levels[:, 2:]
-    below = levels < top
-    inside = change[below[:, :-2] & below[:, 1:-1] & below[:, 2:]]
-    if not inside.size:
+    below = np.asarray(levels < top)
+    inside = below[:, :-2] & below[:, 1:-1] & below[:, 2:]
+    if not inside.any():
         return True
-    some = np.unique(levels.ravel()[:: max(1, levels.size // 10_000)])
-    step = int(np.gcd.reduce(np.diff(some))) if len(some) > 1 else 1
-    return bool((np.abs(inside) >= 2 * step).mean() > NOISY)
+    values = levels[np.isfinite(levels)]
+    some = np.unique(values[:: max(1, values.size // 10_000)])
+    if picture.dtype.kind == "f" and len(some) > MANY:
+        pairs = inside[:, :-1] & inside[:, 1:]
+        least = SMOOTH * float(some[-1] - some[0])
+        first, second = change[:, :-1][pairs], change[:, 1:][pairs]
+        alternate = (first * second < 0) & (np.minimum(np.abs(first), np.abs(second)) > least)
+        return bool(alternate.mean() > ALTERNATE) if alternate.size else True
+    between = np.diff(some)
+    step = 1 if not len(between) else between.min() if picture.dtype.kind == "f" else np.gcd.reduce(between)
+    return bool((np.abs(change[inside]) >= 1.99 * step).mean() > NOISY)
 
 
 def full_scale(picture: NDArray[np.generic]) -> float:
@@ -76,9 +96,9 @@ def saturation_level(picture: NDArray[np.generic]) -> float:
 
 
 def _is_mask(picture: NDArray[np.generic]) -> bool:
-    if picture.dtype.kind not in "ui":
+    if picture.dtype.kind not in "uif" or not picture.size:
         return False
-    most = np.iinfo(picture.dtype.name).max
+    most = np.fmax.reduce(picture, axis=None) if picture.dtype.kind == "f" else np.iinfo(picture.dtype.name).max
     some = picture.ravel()[:: max(1, picture.size // A_FEW)]  # says no of nearly all pictures, at once
     return all(bool(((p == 0) | (p == most)).all()) for p in (some, picture))
 
@@ -98,10 +118,17 @@ def saturated_as_missing(
     gone = np.asarray(levels >= level) if level < np.inf else np.zeros(0, bool)  # type: ignore[operator]
     if not gone.any():
         return picture, float("inf")
+    return missing_at(picture, gone), level
+
+
+def missing_at(picture: NDArray[np.generic], gone: NDArray[np.bool_] | None) -> NDArray[np.generic]:
+    """The picture (H, W) with NaN where pixels are ``gone``, in floats that hold its numbers; itself where none is."""
+    if gone is None or not gone.any():
+        return picture
     kind = picture.dtype if picture.dtype.kind == "f" else np.float32 if picture.dtype.itemsize < 4 else np.float64
     out = picture.astype(kind)
     out[gone] = np.nan
-    return out, level
+    return out
 
 
 def unused_bits(picture: NDArray[np.generic]) -> tuple[int, int]:

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from windmark import resection
 from windmark.deformation import Deformation, bound_vertices
 from windmark.pipeline.deform.load import Loaded
-from windmark.pipeline.deform.pictures import read
+from windmark.pipeline.deform.pictures import read_light
 from windmark.pipeline.points import PointSet
 from windmark.resection import Picture, PointValues
 from windmark.resection.sources import prepare
-from windmark.scene.levels import saturated_as_missing
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
 
 Array = NDArray[np.float64]
@@ -94,9 +93,9 @@ class PointMapper:
             station = self._test.station(name)
             camera = frame.state.cameras.get(name, station.camera)
             pose = frame.state.cam_from_tunnel.get(name, station.cam_from_tunnel)
-            image = read(images.images[name], station)
-            light = saturated_as_missing(image)[0]
-            noise = None if light is image else resection.noise_law(image)
+            levels, light = read_light(images.images[name], station)
+            whole = light is levels.grey and levels.apart == 1
+            noise = None if whole else resection.noise_law(levels.grey, apart=levels.apart)
             source = prepare(Picture(name, light, camera, pose, noise), moved, self._interpolation, "values at points")
             for s in self.sets:
                 values = resection.point_values(

@@ -11,11 +11,10 @@ from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation, bound_vertices, identify
 from windmark.geometry import Camera, Pose
-from windmark.pipeline.deform.pictures import read
+from windmark.pipeline.deform.pictures import read_light
 from windmark.pipeline.deform.project import ValuesEntry
 from windmark.resection import inside_px, node_values, see_nodes
 from windmark.scene import MarkerSet, Mesh, View
-from windmark.scene.levels import saturated_as_missing
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages, Image
 
 Array = NDArray[np.float64]
@@ -40,22 +39,21 @@ class Compared:
     off_px: Array
 
 
-def surface_values(image: Image, mesh: Mesh, camera: Camera, cam_from_mesh: Pose, how: ValuesEntry) -> Array:
+def surface_values(light: Image, mesh: Mesh, camera: Camera, cam_from_mesh: Pose, how: ValuesEntry) -> Array:
     """Grey levels at the nodes of a grid.
 
     Parameters
     ----------
-    image : (H, W), of the camera's size
+    light : (H, W), of the camera's size, see `light_of`
     mesh : where it is when the image is taken
     how : ``black`` is taken off; ``max_obliquity_deg``, ``edge_px`` and ``interpolation`` as the project file has them
 
     Returns
     -------
-    (V,) NaN where the camera does not see a node, where the image is saturated, or less than ``edge_px`` inside the
+    (V,) NaN where the camera does not see a node, where its pixels say nothing, or less than ``edge_px`` inside the
     outline of its surface
     """
     view = see_nodes(mesh, camera, cam_from_mesh, max_obliquity_deg=how.max_obliquity_deg)
-    light = saturated_as_missing(image)[0]
     values = np.asarray(node_values(light, view, interpolation=how.interpolation), dtype=float) - how.black
     if how.edge_px > 0:
         inside = inside_px(mesh, camera, cam_from_mesh)
@@ -118,8 +116,8 @@ class Mapper:
         return state.cameras.get(name, station.camera), state.cam_from_tunnel.get(name, station.cam_from_tunnel)
 
     def _values(self, images: FrameImages, name: str, mesh: Mesh, camera: Camera, pose: Pose) -> Array:
-        image = read(images.images[name], self._test.station(name))
-        return np.where(self._bare, surface_values(image, mesh, camera, pose, self._how), np.nan)
+        light = read_light(images.images[name], self._test.station(name))[1]
+        return np.where(self._bare, surface_values(light, mesh, camera, pose, self._how), np.nan)
 
     def _compare(self, frame: DeformedFrame, images: FrameImages, name: str, ratio: Array) -> None:
         """Keep this frame if it is the most deformed so far."""

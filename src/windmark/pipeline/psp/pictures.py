@@ -16,7 +16,7 @@ from windmark.errors import DataError, WindmarkError
 from windmark.paint import correct_picture, enough
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.names import key_of_file
-from windmark.pipeline.deform.pictures import follow_deformation, read
+from windmark.pipeline.deform.pictures import follow_deformation, read_levels
 from windmark.pipeline.psp.instants import alone_words, by_instant, in_order
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
@@ -25,6 +25,7 @@ from windmark.pipeline.psp.sensors import pictures_named
 from windmark.pipeline.psp.table import WIND_OFF
 from windmark.pipeline.psp.taken import Taken, said
 from windmark.pipeline.same_picture import content_of
+from windmark.scene.levels import missing_at
 from windmark.tasks.deform.task import FrameImages
 from windmark.tasks.psp import BadPicture, ModelPicture, moved_grid
 
@@ -105,10 +106,10 @@ def _taken(test: PspTest, camera: str, name: str, file: io.PictureFile) -> Taken
     """A picture with light and variance, NaN where a pixel cannot be used."""
     most = test.project.radiometry.max_saturated
     try:
-        image = read(file, test.deforming.test.station(camera))
+        image, mixed, _ = read_levels(file, test.deforming.test.station(camera))
         if (dark := test.sensors[camera].dark) is not None:
             dark.check(np.asarray(image), "this picture")
-        done = correct_picture(image, test.sensors[camera].model, most_saturated=most)
+        done = correct_picture(missing_at(image, mixed), test.sensors[camera].model, most_saturated=most)
     except WindmarkError as error:
         return Taken(name, None, why=str(error), key=key_of_file(file))
     value, variance = (np.where(done.usable, v, np.nan) for v in (done.value, done.variance))

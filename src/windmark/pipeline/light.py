@@ -1,0 +1,36 @@
+"""The light of a picture: its levels without the pixels that say nothing of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark import detection
+from windmark.pipeline.quantity import Quantity
+from windmark.scene.levels import missing_at, saturated_as_missing, saturation_level
+
+Image = NDArray[Any]
+Mask = NDArray[np.bool_]
+
+GREY = Quantity()
+
+
+def light_of(image: Image, mixed: Mask | None = None, quantity: Quantity = GREY) -> Image:
+    """A picture (H, W) in its quantity as values are taken of it; itself where all of its pixels can be.
+
+    NaN where a pixel is saturated, was made of saturated ones (``mixed``, of `io.read_levels`), or is a hot or dead
+    one, which leaves its neighbours as nothing does that an optic has imaged.
+    """
+    light = saturated_as_missing(quantity.of(image), image)[0]
+    return missing_at(missing_at(light, mixed), detection.dead_pixels(image))
+
+
+def full_pixels(image: Image, mixed: Mask | None = None) -> tuple[Mask | None, str]:
+    """The pixels that are saturated or were made of such, and from which level on, in words; None and "" if none is."""
+    level = saturation_level(image)
+    full = np.asarray(image >= level)
+    if mixed is not None and (mixed & ~full).any():
+        return full | mixed, "at the highest level of at least one colour"
+    return (full, f"at {level:g} and above") if full.any() else (None, "")
