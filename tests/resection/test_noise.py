@@ -139,3 +139,18 @@ def test_a_value_between_pixels_has_less_noise_only_where_that_of_neighbours_is_
     np.testing.assert_allclose(sigma[1.0], 2.0)
     np.testing.assert_allclose(sigma[0.5] ** 2, (sigma[0.0] ** 2 + 4.0) / 2)
     assert sigma[0.0].min() < 1.5
+
+
+def test_noise_that_was_spread_over_neighbours_is_told_from_white_noise_and_from_shading(rng):
+    from scipy.ndimage import gaussian_filter, zoom
+
+    white, (y, x) = rng.normal(light(), 5.0), np.indices((300, 300))
+    for alone in (white, np.rint(white).astype(np.uint16), 1000 * np.sin(x / 20) * np.sin(y / 20) + 0.1 * white):
+        assert noise_law(alone) == noise_law(alone, apart=1)
+    smooth = gaussian_filter(white, 0.8, mode="reflect")
+    true = (smooth - gaussian_filter(light(), 0.8)).var()
+    assert noise_law(smooth).variance(500.0) == pytest.approx(true, rel=0.1)
+    assert noise_law(smooth).alike > 0.9
+    assert noise_law(zoom(white[:150, :150], 2, order=1)).alike > 0.7
+    for flat in (np.zeros((10, 40)), np.ones((40, 40))):
+        assert noise_law(flat).alike == 0.0

@@ -94,12 +94,23 @@ def map_image(
             tables = image_points(points, source, mesh, max_obliquity_deg=options.max_obliquity_deg)
         result = replace(result, nodes=nodes, values=values, sigma=sigma, views=views, sections=sections, points=tables,
                          left_out=tuple(lost))  # fmt: skip
-        result = _without_lost(result, image, project)
+        result = replace(_without_lost(result, image, project), smoothed=_smoothed(source.noise, result.apart))
         if project.output.pixels:
             result = replace(result, pixels=seen)
     except WindmarkError as error:
         result = replace(result, problem=str(error))
     return replace(result, seconds={**result.seconds, **clock.seconds})
+
+
+def _smoothed(noise: object, apart: int) -> str:
+    """What is to be said of a picture whose noise is not of each pixel alone, though it comes from no mosaic."""
+    if not isinstance(noise, resection.NoiseLaw) or noise.alike == 0.0 or apart > 1:
+        return ""
+    times = 1 / np.sqrt(max(1 - noise.alike, 1e-6))
+    return (
+        f"pixels a few apart scatter {times:.1f} times as much as neighbours do, as where a picture was smoothed or "
+        "enlarged: that is in the sigmas of its values, which a fine texture of the surface would make too large"
+    )
 
 
 def _without_lost(result: ImageResult, light: NDArray[np.generic], project: Project) -> ImageResult:

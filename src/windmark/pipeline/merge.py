@@ -67,7 +67,7 @@ def picture_of(item: ImageResult, noise: resection.NoiseLaw | None = None) -> Pi
     whole, light = item.quantity.of(item.image), item.light
     if noise is None and (light is not whole or item.apart > 1):
         # Of the levels as the camera stored them, with the noise of rounding.
-        noise = resection.noise_law(whole, apart=item.apart)
+        noise = resection.noise_law(whole, apart=None if item.apart == 1 else item.apart)
     return Picture(item.name, light, item.camera, item.cam_from_model, noise, cov)
 
 

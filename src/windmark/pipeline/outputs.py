@@ -207,6 +207,8 @@ def image_summary(item: ImageResult, result: RunResult) -> Record:
         record["saturated"] = item.saturated
     if item.dead:
         record["dead_pixels"] = item.dead
+    if item.smoothed:
+        record["noise"] = item.smoothed
     if item.said:
         record["polarity_decided"] = item.said
     answer = item.registered

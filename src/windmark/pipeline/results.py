@@ -99,6 +99,7 @@ class ImageResult:
     ``mixed`` are the pixels that were made of saturated ones, of a colour or a mosaic, ``apart`` see `io.Levels`.
     ``saturated`` says how many nodes have no value because their pixels are at the highest level, ``saturated_part``
     which part of those that it shows; ``dead`` how many because of hot or dead pixels.
+    ``smoothed`` says that the noise of neighbours is alike.
     ``at_pose`` is what it shows of the markers at a pose that was known.
     ``problem`` says in words why it went no further; None when all is well. ``left_out``: views and sections that are
     missing, with the reason.
@@ -136,6 +137,7 @@ class ImageResult:
     saturated: str = ""
     saturated_part: float = 0.0
     dead: str = ""
+    smoothed: str = ""
 
     @property
     def registered(self) -> Registration | None:

@@ -15,6 +15,8 @@ LEAST = 200
 """Pixels of a group that are enough for its median."""
 MOST_PIXELS = 400_000
 """More pixels are not looked at: rows are left out evenly."""
+FAR, FARTHER, ALIKE, STILL = 4, 8, 2.0, 1.25
+"""Pixels apart; times by which the scatter grows from neighbours to the first, and may grow on to the second."""
 _MEDIAN = 0.6744897501960817
 """Median of |x| of a normal deviate."""
 
@@ -38,7 +40,7 @@ class NoiseLaw:
         return np.maximum(self.constant + self.slope * np.asarray(level, dtype=float), self.least)
 
 
-def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int = 1) -> NoiseLaw:
+def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int | None = None) -> NoiseLaw:
     """Noise of a picture by its grey level.
 
     From the mixed second differences of 3 x 3 pixels, in which every surface that is smooth along rows or along columns
@@ -50,12 +52,14 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int = 1) -> N
     image : (H, W), NaN pixels are left out
     most : more pixels than so many are not looked at
     apart : the noise of pixels that are so far apart is independent: 1 of a camera's picture, more of one that was made
-        of means over several pixels (`io.APART` of colour interpolated from a mosaic)
+        of means over several pixels (`io.APART` of colour interpolated from a mosaic). None asks the picture: one that
+        was smoothed or enlarged scatters more over `FAR` pixels than between neighbours, and not still more beyond. So
+        does a fine texture of the surface, which is then taken for noise
 
     Returns
     -------
     NoiseLaw; of integer pictures at least 1/12 of a grey level squared, the noise of rounding. Noise that is correlated
-    from pixel to pixel is seen too small where ``apart`` does not say so (compressed or smoothed pictures).
+    from pixel to pixel by less (compressed pictures) is seen up to `ALIKE` times too small.
 
     Raises
     ------
@@ -79,6 +83,8 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int = 1) -> N
     pixels = np.asarray(image)
     if pixels.ndim != 2:
         raise ValueError(f"noise_law: image must be (H, W), got {pixels.shape}")
+    if apart is None:
+        apart = FAR if _is_spread(pixels, most) else 1
     if not apart >= 1:
         raise ValueError(f"noise_law: apart must be at least 1 pixel, got {apart!r}")
     least = 1 / 12 if pixels.dtype.kind in "biu" else 0.0
@@ -90,6 +96,19 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int = 1) -> N
         return law
     beside = float(np.median(_differences(pixels, most, 1)[1]))
     return replace(law, alike=max(0.0, 1 - (beside / max(float(np.median(mixed)), 1e-300)) ** 2))
+
+
+def _is_spread(pixels: NDArray[np.generic], most: int) -> bool:
+    """Whether pixels a few apart scatter far more than neighbours do; where that grows on, it is shading."""
+    if min(pixels.shape) < 2 * FARTHER + 1:
+        return False
+    near, far, farther = (_usual(_differences(pixels, most, apart)[1]) for apart in (1, FAR, FARTHER))
+    return near > 0 and far > max(ALIKE * near, farther / STILL)
+
+
+def _usual(mixed: Array) -> float:
+    """Mean of the smaller half: of whole numbers it has more steps than the median."""
+    return float(np.sort(mixed)[: max(len(mixed) // 2, 1)].mean()) if len(mixed) else 0.0
 
 
 def _differences(pixels: NDArray[np.generic], most: int, apart: int) -> tuple[Array, Array]:

@@ -94,8 +94,7 @@ class PointMapper:
             camera = frame.state.cameras.get(name, station.camera)
             pose = frame.state.cam_from_tunnel.get(name, station.cam_from_tunnel)
             levels, light = read_light(images.images[name], station)
-            whole = light is levels.grey and levels.apart == 1
-            noise = None if whole else resection.noise_law(levels.grey, apart=levels.apart)
+            noise = resection.noise_law(levels.grey, apart=None if levels.apart == 1 else levels.apart)
             source = prepare(Picture(name, light, camera, pose, noise), moved, self._interpolation, "values at points")
             for s in self.sets:
                 values = resection.point_values(
