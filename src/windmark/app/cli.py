@@ -16,7 +16,7 @@ import typer
 from windmark import compiling
 from windmark.app import console
 from windmark.app.command_line import command_line, expanded
-from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp, start, view
+from windmark.app.commands import align, camera, deform, epipolar, image, infrared, plan, pov, psp, start, track, view
 from windmark.app.commands.grouped import MATCH, TEST, App, ranged, written
 from windmark.app.commands.matching_options import Binding, MaxTime, NoOcclusion, Roles
 from windmark.app.commands.options import Json, Seed
@@ -151,6 +151,7 @@ def run(
 
 
 image.add(app)
+track.add(app)
 align.add(app)
 camera.add(app)
 epipolar.add(app)
