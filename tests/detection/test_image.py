@@ -107,3 +107,17 @@ def test_hot_and_dead_pixels_of_a_picture():
     assert dead_pixels(np.full((9, 9), np.nan)) is None
     image[7, 9], image[20, 30] = 5000, 3
     assert np.argwhere(dead_pixels(image)).tolist() == [[7, 9], [20, 30]]
+
+
+@pytest.mark.parametrize("value", [5000, 3])
+@pytest.mark.parametrize("beside", [(0, 1), (1, 0), (1, 1), (1, -1)])
+def test_two_dead_pixels_that_touch(beside, value):
+    """But not what an optic has imaged: a point of light of 0.5 px between two pixels."""
+    image = np.random.default_rng(2).normal(800, 5, (40, 50)).astype(np.uint16)
+    y, x = np.indices(image.shape)
+    assert dead_pixels(image + (4000 * np.exp(-((x - 25.5) ** 2 + (y - 20) ** 2) / 0.5)).astype(np.uint16)) is None
+    pair = [[12, 17], [12 + beside[0], 17 + beside[1]]]
+    for row, column in pair:
+        image[row, column] = value
+    assert np.argwhere(dead_pixels(image)).tolist() == sorted(pair)
+    assert dead_pixels(image[:2, :3]) is None

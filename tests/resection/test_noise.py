@@ -151,6 +151,11 @@ def test_noise_that_was_spread_over_neighbours_is_told_from_white_noise_and_from
     true = (smooth - gaussian_filter(light(), 0.8)).var()
     assert noise_law(smooth).variance(500.0) == pytest.approx(true, rel=0.1)
     assert noise_law(smooth).alike > 0.9
+    wide = gaussian_filter(white, 1.5)
+    assert noise_law(wide).variance(500.0) == pytest.approx((wide - gaussian_filter(light(), 1.5)).var(), rel=0.15)
+    for period in (6, 8, 10, 12, 16):  # a woven surface is none
+        woven = 10 * white + 200 * np.sin(2 * np.pi * x / period) * np.sin(2 * np.pi * y / period)
+        assert noise_law(woven).alike == 0.0
     assert noise_law(zoom(white[:150, :150], 2, order=1)).alike > 0.7
     for flat in (np.zeros((10, 40)), np.ones((40, 40))):
         assert noise_law(flat).alike == 0.0

@@ -17,6 +17,7 @@ SAMPLE = 20_000  # pixels that say what an image's levels and noise are, to abou
 BLOCK_ROWS = 32  # converted at a time: they stay in the cache
 DEAD_NOISE = 10.0  # a dead pixel leaves the range of its neighbours by so many times the noise
 DEAD_RATIO = 5.0  # and by so many times that range: the smallest disc, blurred by 0.4 px, does so 2.8 times
+PAIR_RATIO = 8.0  # the same of two neighbours: a point of light of 0.5 px between them does so 6.4 times
 Pixels = NDArray[np.float32]
 
 
@@ -145,7 +146,7 @@ def grey_rows(
     top, bottom = max(first - 1, 0), min(last + 1, len(image))
     part = None if use is None else use[top:bottom]
     g, missing = _shifted(image[top:bottom], part, levels.sign, levels.offset)
-    dead = dead_pixels(g, levels.dead, DEAD_RATIO)
+    dead = dead_pixels(g, levels.dead, DEAD_RATIO, 0.0)
     g[dead[:, 0], dead[:, 1]] = np.nan
     return g[first - top : last - top], missing or bool(len(dead))
 
@@ -161,7 +162,7 @@ def dead_pixels(image: ArrayLike) -> NDArray[np.bool_] | None:
     if sample.size == 0:
         return None
     levels = levels_of(grey, 1.0, None, sample)
-    found = dead.dead_pixels(_shifted(grey, None, 1.0, levels.offset)[0], levels.dead, DEAD_RATIO)
+    found = dead.dead_pixels(_shifted(grey, None, 1.0, levels.offset)[0], levels.dead, DEAD_RATIO, PAIR_RATIO)
     if not len(found):
         return None
     out = np.zeros(grey.shape, bool)

@@ -15,8 +15,9 @@ LEAST = 200
 """Pixels of a group that are enough for its median."""
 MOST_PIXELS = 400_000
 """More pixels are not looked at: rows are left out evenly."""
-FAR, FARTHER, ALIKE, STILL = 4, 8, 2.0, 1.25
-"""Pixels apart; times by which the scatter grows from neighbours to the first, and may grow on to the second."""
+FAR, ALIKE, STILL = (4, 7, 11, 18), 2.0, 1.25
+"""Pixels apart, no period of a pattern being a part of all; times by which the scatter grows from neighbours to one of
+these, and may change to the next two."""
 _MEDIAN = 0.6744897501960817
 """Median of |x| of a normal deviate."""
 
@@ -53,8 +54,8 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int | None = 
     most : more pixels than so many are not looked at
     apart : the noise of pixels that are so far apart is independent: 1 of a camera's picture, more of one that was made
         of means over several pixels (`io.APART` of colour interpolated from a mosaic). None asks the picture: one that
-        was smoothed or enlarged scatters more over `FAR` pixels than between neighbours, and not still more beyond. So
-        does a fine texture of the surface, which is then taken for noise
+        was smoothed or enlarged scatters more over some pixels than between neighbours, and as much beyond. So does
+        a fine texture of the surface, which is then taken for noise
 
     Returns
     -------
@@ -84,7 +85,7 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int | None = 
     if pixels.ndim != 2:
         raise ValueError(f"noise_law: image must be (H, W), got {pixels.shape}")
     if apart is None:
-        apart = FAR if _is_spread(pixels, most) else 1
+        apart = _spread_over(pixels, most)
     if not apart >= 1:
         raise ValueError(f"noise_law: apart must be at least 1 pixel, got {apart!r}")
     least = 1 / 12 if pixels.dtype.kind in "biu" else 0.0
@@ -98,12 +99,18 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int | None = 
     return replace(law, alike=max(0.0, 1 - (beside / max(float(np.median(mixed)), 1e-300)) ** 2))
 
 
-def _is_spread(pixels: NDArray[np.generic], most: int) -> bool:
-    """Whether pixels a few apart scatter far more than neighbours do; where that grows on, it is shading."""
-    if min(pixels.shape) < 2 * FARTHER + 1:
-        return False
-    near, far, farther = (_usual(_differences(pixels, most, apart)[1]) for apart in (1, FAR, FARTHER))
-    return near > 0 and far > max(ALIKE * near, farther / STILL)
+def _spread_over(pixels: NDArray[np.generic], most: int) -> int:
+    """Pixels over which the noise of neighbours is alike: so far apart they scatter far more than neighbours do, and
+    as much as farther still. 1 where there is no such distance: shading scatters still more, a pattern less.
+    """
+    if min(pixels.shape) <= 2 * FAR[-1]:
+        return 1
+    near, *usual = (_usual(_differences(pixels, most, apart)[1]) for apart in (1, *FAR))
+    for k, far in enumerate(FAR[:-2]):
+        beyond = np.array(usual[k + 1 : k + 3])
+        if near > 0 and usual[k] > max(ALIKE * near, beyond.max() / STILL) and beyond.min() > usual[k] / STILL:
+            return far
+    return 1
 
 
 def _usual(mixed: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ from windmark.geometry._jit import nb
 
 
 @nb.njit(cache=True, nogil=True)
-def _stands_out(left: Any, right: Any, above: Any, below: Any, here: Any, limit: Any, ratio: Any) -> Any:
-    """Number of pixels that leave the range of four neighbours by more than limit and ratio times it; vectorises.
+def _stands_out(left: Any, right: Any, above: Any, below: Any, here: Any, limit: Any, ratio: Any, pairs: bool) -> Any:
+    """Number of pixels that leave the range of four neighbours, of `pairs` but for one of them, by more than limit and
+    ratio times it; vectorises.
 
     A dead pixel does: of eight neighbours the range is not smaller, and what leaves it leaves that of four.
     """
@@ -21,45 +23,78 @@ def _stands_out(left: Any, right: Any, above: Any, below: Any, here: Any, limit:
         v = here[i]
         low, high = (left[i], right[i]) if left[i] < right[i] else (right[i], left[i])
         floor, top = (above[i], below[i]) if above[i] < below[i] else (below[i], above[i])
-        low = low if low < floor else floor
-        high = high if high > top else top
-        over, under = v - high, low - v
+        least, most = (low if low < floor else floor), (high if high > top else top)
+        last, first = least, most
+        if pairs:
+            inner, outer = (high if high < top else top), (low if low > floor else floor)
+            first, last = (inner if inner > outer else outer), (inner if inner < outer else outer)
+        over, under = v - first, last - v
+        wide = first - least if over > under else most - last
         excess = over if over > under else under
-        count += np.int32((excess > limit) & (excess > ratio * (high - low)))
+        count += np.int32((excess > limit) & (excess > ratio * wide))
     return count
 
 
 @nb.njit(cache=True, nogil=True)
-def _is_dead(g: Any, y: int, x: int, least: float, ratio: float) -> bool:
-    """Whether a pixel leaves the range of its 8 neighbours, none of which is NaN."""
-    v, low, high = g[y, x], np.inf, -np.inf
-    for j in range(-1, 2):
-        for i in range(-1, 2):
-            w = g[y + j, x + i]
-            if w != w:
-                return False
-            if i != 0 or j != 0:
-                low, high = min(low, w), max(high, w)
-    excess = max(v - high, low - v)
-    return excess > least and excess > ratio * (high - low)
+def _excess(g: Any, y: int, x: int, besides: int) -> Any:
+    """How far a pixel leaves the range of its 8 neighbours above and below, that range, and which neighbours are the
+    farthest above and below; without the neighbour `besides` (0 to 8, 4: with all), which has to be as far out as the
+    pixel is. NaN where one of them is.
+    """
+    v, low, high, lowest, highest = g[y, x], np.inf, -np.inf, 4, 4
+    for k in range(9):
+        w = g[y - 1 + k // 3, x - 1 + k % 3]
+        if w != w:
+            return math.nan, math.nan, math.nan, lowest, highest
+        if k not in (4, besides):
+            if w < low:
+                low, lowest = w, k
+            if w > high:
+                high, highest = w, k
+    return v - high, low - v, high - low, lowest, highest
 
 
 @nb.njit(cache=True, nogil=True)
-def dead_pixels(g: Any, least: float, ratio: float) -> Any:
-    """Pixels (K, 2: row, column) that leave the range of their 8 neighbours by `least` and by `ratio` times it.
+def _is_dead(g: Any, y: int, x: int, least: float, ratio: float, pair_ratio: float) -> bool:
+    """Whether a pixel leaves the range of its 8 neighbours, none of which is NaN; or, with one of them that does so,
+    too, that of all others by `pair_ratio` (0: not asked).
+    """
+    over, under, wide, lowest, highest = _excess(g, y, x, 4)
+    excess = max(over, under)
+    if excess > least and excess > ratio * wide:
+        return True
+    if pair_ratio == 0.0 or not wide > least:
+        return False
+    for sign in range(2):
+        other = highest if sign == 0 else lowest
+        j, i = y - 1 + other // 3, x - 1 + other % 3
+        if not (0 < j < g.shape[0] - 1 and 0 < i < g.shape[1] - 1):
+            continue
+        mine, its = _excess(g, y, x, other), _excess(g, j, i, 8 - other)
+        own, partner = (mine[0], its[0]) if sign == 0 else (mine[1], its[1])
+        if min(own, partner) > least and own > pair_ratio * mine[2] and partner > pair_ratio * its[2]:
+            return True
+    return False
+
+
+@nb.njit(cache=True, nogil=True)
+def dead_pixels(g: Any, least: float, ratio: float, pair_ratio: float) -> Any:
+    """Pixels (K, 2: row, column) that leave the range of their 8 neighbours by `least` and by `ratio` times it, and
+    pairs of them by `pair_ratio` (0: not asked).
 
     Nothing that an optic has imaged does that. Pixels of the border, and next to a NaN, are left alone.
     """
     rows, n = g.shape
-    out, count = np.empty((64, 2), np.int64), 0
+    out, count, pairs = np.empty((64, 2), np.int64), 0, pair_ratio > 0.0
     limit, share = np.float32(0.999 * least), np.float32(0.999 * ratio)
     for y in range(1, rows - 1):
-        above, here, below = g[y - 1], g[y], g[y + 1]
-        if _stands_out(here[: n - 2], here[2:], above[1 : n - 1], below[1 : n - 1], here[1 : n - 1], limit, share) == 0:
+        above, here, below = g[y - 1, 1 : n - 1], g[y], g[y + 1, 1 : n - 1]
+        if _stands_out(here[: n - 2], here[2:], above, below, here[1 : n - 1], limit, share, pairs) == 0:
             continue
         for x in range(1, n - 1):
             a, b = here[x] - here[x - 1], here[x] - here[x + 1]
-            if ((a > limit and b > limit) or (a < -limit and b < -limit)) and _is_dead(g, y, x, least, ratio):
+            up, down = int(a > limit) + int(b > limit), int(a < -limit) + int(b < -limit)
+            if max(up, down) + pairs >= 2 and _is_dead(g, y, x, least, ratio, pair_ratio):
                 if count == out.shape[0]:
                     out = grown(out)
                 out[count, 0], out[count, 1] = y, x
