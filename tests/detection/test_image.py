@@ -121,3 +121,12 @@ def test_two_dead_pixels_that_touch(beside, value):
         image[row, column] = value
     assert np.argwhere(dead_pixels(image)).tolist() == sorted(pair)
     assert dead_pixels(image[:2, :3]) is None
+
+
+def test_a_picture_drawn_of_single_pixels_has_no_dead_ones():
+    image = np.random.default_rng(3).normal(200, 2, (60, 60)).astype(np.uint8)
+    drawn = image.copy()
+    drawn[2::8, 2::8] = 20
+    assert dead_pixels(drawn) is None
+    drawn[2:50:8] = image[2:50:8]
+    assert dead_pixels(drawn).sum() == (drawn == 20).sum() == 16
