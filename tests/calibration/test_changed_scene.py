@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from windmark.calibration import Calibration, Free, self_calibrate
+from windmark.calibration.changed_scene import FIRST, _by_place, _Divided, _field
+from windmark.calibration.hypotheses import gathered
+from windmark.calibration.view_changes import explained
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet, Observations, View
 
@@ -79,3 +82,36 @@ def test_a_lens_that_is_not_the_given_one_is_no_change_of_the_scene():
     """Its errors differ from picture to picture, in one division of them as in another."""
     other = replace(CAMERA, k1=-0.11)
     assert "scene" not in [d.cause for d in calibrated(cameras=lambda _: other).doubts]
+
+
+def test_what_divisions_explain_is_that_of_their_pictures_taken_anew(monkeypatch):
+    """Sums over blocks do for every division, and bounds leave out no split that explains more."""
+    kept = []
+    monkeypatch.setattr(_Divided, "splits", lambda every, splits=_Divided.splits: kept.append(every) or splits(every))
+    calibrated(views=12, first=7, change=bent(0.5))
+    every = kept[0]
+    solved, blocks = every.solved, len(every.score)
+    points = np.arange(40)
+    field, view = _field(solved, points), solved.problem.marks.views
+    b = np.einsum("oij,om->oimj", _by_place(solved, solved.problem.jacobian(solved.state)), field[
+        solved.problem.marks.points
+    ]).reshape(len(view), 2, -1)  # fmt: skip
+    b[~solved.used[solved.problem.order]] = 0.0
+    for kinds in (3 * FIRST, 3 * field.shape[1]):
+        some, tests = every.first(kinds), []
+        for k in range(1, blocks):
+            of = b[..., :kinds] * (view >= k)[:, None, None]
+            cross = gathered(solved, of, np.zeros(len(view), int), 1)[:, 0]
+            flat, r = of.reshape(-1, kinds), solved.residual[solved.problem.order].ravel()
+            left = flat.T @ flat - cross.T @ solved.covariance.product(cross)
+            size = np.sqrt(np.diagonal(flat.T @ flat))
+            change, test, count = explained(left / np.outer(size, size), flat.T @ r / size)
+            tests.append(test)
+            for found in (some.explained(np.arange(blocks) >= k), some.splits().explained(k)):
+                assert found[1] == pytest.approx(test, rel=1e-6)
+                assert found[2] == count
+                np.testing.assert_allclose(found[0], -change / size, atol=1e-6 * np.abs(change / size).max())
+        found, k = some.splits().most(list(range(2, blocks - 1)))
+        assert k == 2 + int(np.argmax(tests[1:-1]))
+        assert found[1] == pytest.approx(tests[k - 1])
+        assert (some.splits()._bounds()[1:] >= tests).all()

@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from windmark.adjust.network.linear import gather
+from windmark.adjust.network.problem import KEPT, Rows
 from windmark.calibration.agreement import FALSE
-from windmark.calibration.hypotheses import chance_beside, gathered
+from windmark.calibration.hypotheses import CHECKED, chance_beside
 from windmark.calibration.setup import Job, frames_of
 from windmark.calibration.solve import Solved
 from windmark.calibration.view_changes import explained
@@ -44,6 +46,10 @@ UNLIKELY = FALSE / 3
 LEAST_MARKERS = 10
 SURE = 2 * np.log(1 / FALSE)
 """Of twice the logarithm of a likelihood, by which one is told from another."""
+FIRST = 4
+"""Polynomials up to the first degree in three coordinates."""
+LITTLE = 1e-2 * CHECKED
+"""Beside what an unknown has to have left to be told, far above rounding."""
 USUAL = 0.01
 """Probability of what a division by lot explains beside the change, above which half of them have to be."""
 
@@ -87,65 +93,92 @@ def changed_scene(job: Job, solved: Solved) -> Changed | None:
         return None
     block = np.full(len(job.views), -1)
     ends = np.array_split(times, min(len(times), BLOCKS))
-    for n, some in enumerate(ends):
-        block[views[np.isin(instants, some)]] = n
+    of_time = np.repeat(np.arange(len(ends)), [len(some) for some in ends])
+    block[views] = of_time[np.searchsorted(times, instants)]
     splits = [k for k in range(1, len(ends)) if LEAST <= sum(map(len, ends[:k])) <= len(times) - LEAST]
+    field = _field(solved, points)
+    every = _Divided.of(solved, field, points, block)
+    all_splits = every.splits()
     best: tuple[float, int] | None = None
-    for degree in (1, 2):
-        field = _field(solved, points, degree)
-        tried = _Divided.of(solved, field[np.searchsorted(points, solved.problem.marks.points)], block)
-        (_, test, count), k = max(((tried.explained(np.arange(len(ends)) >= k), k) for k in splits), key=_most)
+    for kinds in (3 * FIRST, 3 * field.shape[1]):
+        (_, test, count), k = all_splits.first(kinds).most(splits)
         lead = float(test / solved.scale - count * np.log(2 * solved.used.sum()))
         if not chance_beside(test, count, solved) < UNLIKELY / (2 * len(splits)) or (best and lead < best[0]):
             continue
-        if tried.by_nothing_else(np.arange(len(ends)) >= k, test, count):
+        if every.first(kinds).by_nothing_else(np.arange(len(ends)) >= k, test, count):
             best = lead, k
     if best is None:
         return None
     lead, k = best
-    moved = solved.problem.layout.unit * field @ tried.explained(np.arange(len(ends)) >= k)[0].reshape(-1, 3)
+    moved = solved.problem.layout.unit * field @ all_splits.explained(k)[0].reshape(-1, 3)  # by all: the nearest to it
     edge = views[instants == ends[k - 1][-1]][-1], views[instants == ends[k][0]][0]
     return _described(job, solved.state.points[points], moved, points, edge, lead)
 
 
-def _most(found: tuple[tuple[Array, float, int], int]) -> float:
-    """What a split explains."""
-    return found[0][1]
-
-
 @dataclass(frozen=True)
 class _Divided:
-    """Sums over blocks of pictures: J^T b (D + E b, B, K), b^T b and b^T r of a field's K unknowns."""
+    """Of a field's K unknowns in each of B blocks of pictures, so that those of any division of them are sums of these.
+
+    Parameters
+    ----------
+    power, score : (B, K, K), (B, K) b^T b and b^T r
+    halves : of J^T b, each (n, B, K): what `NetworkCovariance.halves` makes of it
+    """
 
     solved: Solved
-    cross: Array
     power: Array
     score: Array
+    halves: tuple[Array, ...]
 
     @classmethod
-    def of(cls, solved: Solved, field: Array, block: Ints) -> _Divided:
-        """Of a field (O, M) at the marks' markers; ``block`` (V,) of each view, -1 of none."""
-        problem, order = solved.problem, solved.problem.order
-        used = solved.used[order]
-        b = np.einsum("oij,om->oimj", _by_place(solved), field).reshape(len(order), 2, -1)
-        b[~used] = 0.0
-        group = np.where(used, block[problem.marks.views], -1)
-        count = int(group.max()) + 1
-        power, score = np.zeros((count, b.shape[2], b.shape[2])), np.zeros((count, b.shape[2]))
-        for n in range(count):
-            mine = b[group == n].reshape(-1, b.shape[2])
-            power[n], score[n] = mine.T @ mine, mine.T @ solved.residual[order][group == n].ravel()
-        return cls(solved, gathered(solved, b, group, count), power, score)
+    def of(cls, solved: Solved, field: Array, points: Ints, block: Ints) -> _Divided:
+        """Of a field (N, M) at the ``points`` (N,); ``block`` (V,) of each view, -1 of none."""
+        problem, marks, order = solved.problem, solved.problem.marks, solved.problem.order
+        group = np.where(solved.used[order], block[marks.views], -1)
+        rows, residual = problem.jacobian(solved.state), solved.residual[order]
+        at, by_place = np.searchsorted(points, marks.points), _by_place(solved, rows)
+        count, kinds, dense = int(group.max()) + 1, 3 * field.shape[1], problem.layout.dense
+        cross = np.zeros((problem.size, count, kinds))
+        power, score = np.zeros((count, kinds, kinds)), np.zeros((count, kinds))
+        every = np.flatnonzero(group >= 0)
+        every = every[np.argsort(group[every], kind="stable")]
+        # Some marks after the others: of all of them b would be the largest array of the calibration.
+        for mine in np.array_split(every, -(-len(every) // KEPT)):
+            b = np.einsum("oij,om->oimj", by_place[mine], field[at[mine]]).reshape(len(mine), 2, kinds)
+            jd, je, columns, own = rows
+            gather(jd[mine], je[mine], columns[mine], own[mine], b, group[mine], cross[:dense], cross[dense:])
+            some, first = np.unique(group[mine], return_index=True)
+            for n, part, r in zip(some, np.split(b, first[1:]), np.split(residual[mine], first[1:]), strict=True):
+                flat = part.reshape(-1, kinds)
+                power[n] += flat.T @ flat
+                score[n] += flat.T @ r.ravel()
+        halves = solved.covariance.halves(cross.reshape(problem.size, -1))
+        return cls(solved, power, score, tuple(half.reshape(len(half), count, kinds) for half in halves))
+
+    def first(self, kinds: int) -> _Divided:
+        """Of the first ``kinds`` of the unknowns alone."""
+        k = slice(kinds)
+        return _Divided(self.solved, self.power[:, k, k], self.score[:, k], tuple(half[..., k] for half in self.halves))
 
     def explained(self, *divisions: Mask) -> tuple[Array, float, int]:
         """The field's unknowns for divisions of the blocks, what they explain together, and how many are told."""
-        cross = [self.cross[:, later].sum(axis=1) for later in divisions]
-        through = self.solved.covariance.quadratic(np.concatenate(cross, axis=1))[1]
+        a, b, c, d = (
+            np.concatenate([half[:, later].sum(axis=1) for later in divisions], axis=1) for half in self.halves
+        )
         power = np.block([[self.power[one & other].sum(axis=0) for other in divisions] for one in divisions])
         score = np.concatenate([self.score[later].sum(axis=0) for later in divisions])
-        size = np.sqrt(np.maximum(np.diagonal(power), np.finfo(float).tiny))
-        change, test, count = explained((power - through) / np.outer(size, size), score / size)
-        return -change / size, test, count
+        return _explained(power - a.T @ b - c.T @ d, np.diagonal(power), score)
+
+    def splits(self) -> _Splits:
+        """Of the divisions into the blocks from each one on, and those before it."""
+        power, score = (np.cumsum(each[::-1], axis=0)[::-1] for each in (self.power, self.score))
+        left, sums = power.copy(), [np.zeros((len(half), half.shape[2])) for half in self.halves]
+        for n in range(len(left) - 1, -1, -1):
+            for half, total in zip(self.halves, sums, strict=True):
+                total += half[:, n]
+            a, b, c, d = sums
+            left[n] -= a.T @ b + c.T @ d
+        return _Splits(np.diagonal(power, axis1=1, axis2=2), left, score)
 
     def by_nothing_else(self, later: Mask, test: float, count: int) -> bool:
         """Whether divisions by lot explain clearly less, and beside this one nothing but chance."""
@@ -159,23 +192,85 @@ class _Divided:
         return not chances or float(np.median(chances)) > USUAL
 
 
-def _by_place(solved: Solved) -> Array:
+@dataclass(frozen=True)
+class _Splits:
+    """Divisions of B blocks of pictures into those from one on, and those before: of a field's K unknowns for each.
+
+    Parameters
+    ----------
+    power : (B, K) diagonal of b^T b
+    left : (B, K, K) b^T Q b, what the network's unknowns leave over
+    score : (B, K) b^T r
+    """
+
+    power: Array
+    left: Array
+    score: Array
+
+    def first(self, kinds: int) -> _Splits:
+        """Of the first ``kinds`` of the unknowns alone."""
+        return _Splits(self.power[:, :kinds], self.left[:, :kinds, :kinds], self.score[:, :kinds])
+
+    def explained(self, split: int) -> tuple[Array, float, int]:
+        """See `_Divided.explained`."""
+        return _explained(self.left[split], self.power[split], self.score[split])
+
+    def most(self, splits: list[int]) -> tuple[tuple[Array, float, int], int]:
+        """What the field explains (see `_Divided.explained`) at that of some splits where it is most, and which.
+
+        Of what is explained there is an upper bound, and so most need no eigenvectors.
+        """
+        bound, best, at = self._bounds()[splits], None, 0
+        for n in np.argsort(-bound, kind="stable").tolist():
+            if best is not None and bound[n] < best[1]:
+                break
+            found = self.explained(splits[n])
+            if best is None or found[1] > best[1]:
+                best, at = found, splits[n]
+        assert best is not None
+        return best, at
+
+    def _bounds(self) -> Array:
+        """(B,) what each explains is no more than that; inf where rounding leaves no bound.
+
+        With LITTLE more on the diagonal, and a factor 1 + LITTLE / CHECKED on the result, all directions together
+        explain no less than those that are told do without.
+        """
+        size = np.sqrt(np.maximum(self.power, np.finfo(float).tiny))
+        left = self.left / (size[:, :, None] * size[:, None, :]) + LITTLE * np.eye(size.shape[1])
+        score = self.score / size
+        try:
+            np.linalg.cholesky(left)
+        except np.linalg.LinAlgError:
+            return np.full(len(left), np.inf)
+        along = np.linalg.solve(left, score[..., None])[..., 0]
+        return np.asarray((1 + LITTLE / CHECKED) * (along * score).sum(axis=1))
+
+
+def _explained(left: Array, power: Array, score: Array) -> tuple[Array, float, int]:
+    """Unknowns (K,), what they explain, how many are told; from (K, K) b^T Q b, the diagonal of b^T b, and b^T r."""
+    size = np.sqrt(np.maximum(power, np.finfo(float).tiny))
+    change, test, count = explained(left / np.outer(size, size), score / size)
+    return -change / size, test, count
+
+
+def _by_place(solved: Solved, rows: Rows) -> Array:
     """(O, 2, 3) derivatives of the whitened residuals by the marker's place, in natural units; 0 of held ones."""
     lay, points = solved.problem.layout, solved.problem.marks.points
-    dense, eliminated, _, _ = solved.problem.jacobian(solved.state)
+    dense, eliminated, _, _ = rows
     out = eliminated.copy() if lay.points_eliminated else np.zeros((*dense.shape[:2], 3))
     tied = lay.columns.point[points] >= 0
     out[tied] = dense[tied][:, :, -3:]
     return out
 
 
-def _field(solved: Solved, points: Ints, degree: int) -> Array:
-    """(N, M) polynomials up to a degree at the markers, along the axes of their extent."""
+def _field(solved: Solved, points: Ints) -> Array:
+    """(N, M) polynomials at the markers, along the axes of their extent: the `FIRST` up to the first degree."""
     x = solved.state.points[points]
     x = (x - x.mean(axis=0)) @ np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[2].T
     x = x / np.maximum(x.std(axis=0), 1e-9 * x.std())
     a, b = np.triu_indices(3)
-    return np.column_stack([np.ones(len(x)), x] + ([x[:, a] * x[:, b]] if degree > 1 else []))
+    return np.column_stack([np.ones(len(x)), x, x[:, a] * x[:, b]])
 
 
 def _lots(count: int, later: int) -> list[Mask]:

@@ -71,10 +71,12 @@ def gather(
         g, first = group[o], block[o] * size
         if g < 0:
             continue
-        for n in range(b.shape[2]):
-            u, v = b[o, 0, n], b[o, 1, n]
-            for k in range(cols.shape[1]):
-                if cols[o, k] >= 0:
-                    dense[cols[o, k], g, n] += jd[o, 0, k] * u + jd[o, 1, k] * v
-            for k in range(size if first >= 0 else 0):
-                eliminated[first + k, g, n] += je[o, 0, k] * u + je[o, 1, k] * v
+        for k in range(cols.shape[1]):
+            if cols[o, k] >= 0:
+                x, y = jd[o, 0, k], jd[o, 1, k]
+                for n in range(b.shape[2]):
+                    dense[cols[o, k], g, n] += x * b[o, 0, n] + y * b[o, 1, n]
+        for k in range(size if first >= 0 else 0):
+            x, y = je[o, 0, k], je[o, 1, k]
+            for n in range(b.shape[2]):
+                eliminated[first + k, g, n] += x * b[o, 0, n] + y * b[o, 1, n]

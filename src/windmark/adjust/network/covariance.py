@@ -99,6 +99,10 @@ class NetworkCovariance:
         left, upper = self._upper(vectors)
         return upper, left.T @ upper + vectors[len(self.dense) :].T @ self._by_own(vectors)
 
+    def halves(self, vectors: Array) -> tuple[Array, Array, Array, Array]:
+        """(D, k) a and b, (E b, k) c and d: what `quadratic` makes of any vectors is a^T b + c^T d of their columns."""
+        return *self._upper(vectors), vectors[len(self.dense) :], self._by_own(vectors)
+
     def _upper(self, vectors: Array) -> tuple[Array, Array]:
         """(D, k) what the eliminated parameters leave over of vectors, and the first rows of `product`."""
         d = len(self.dense)
