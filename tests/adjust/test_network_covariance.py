@@ -172,7 +172,8 @@ def test_what_marks_follow_is_their_derivative_in_the_whole_covariance(name, mon
     b, group = np.random.default_rng(3).normal(size=(len(jd), 2, 3)), np.arange(len(jd)) % 5 - 1
     for of in (numpy_path.gather, linear.gather):
         sums = np.zeros((problem.size, 4, 3))
-        of(jd, je, cols, block, b, group, sums[: problem.layout.dense], sums[problem.layout.dense :])
+        one, first = np.ones((1, 1)), np.zeros(len(jd), int)
+        of(jd, je, cols, block, b, one, first, group, *np.split(sums, [problem.layout.dense]))
         for g in range(4):
             mine = group == g
             np.testing.assert_allclose(sums[:, g], np.einsum("oip,oik->pk", j[mine], b[mine]), rtol=1e-5, atol=1e-4)

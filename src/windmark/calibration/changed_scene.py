@@ -19,10 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from windmark.adjust.network.linear import gather
-from windmark.adjust.network.problem import KEPT, Rows
 from windmark.calibration.agreement import FALSE
-from windmark.calibration.hypotheses import CHECKED, chance_beside
+from windmark.calibration.hypotheses import CHECKED, chance_beside, gathered
 from windmark.calibration.setup import Job, frames_of
 from windmark.calibration.solve import Solved
 from windmark.calibration.view_changes import explained
@@ -100,17 +98,19 @@ def changed_scene(job: Job, solved: Solved) -> Changed | None:
     every = _Divided.of(solved, field, points, block)
     all_splits = every.splits()
     best: tuple[float, int] | None = None
-    for kinds in (3 * FIRST, 3 * field.shape[1]):
-        (_, test, count), k = all_splits.first(kinds).most(splits)
+    unknowns = np.arange(3 * field.shape[1]).reshape(3, -1)
+    for kinds in (unknowns[:, :FIRST].ravel(), unknowns.ravel()):
+        (_, test, count), k = all_splits.some(kinds).most(splits)
         lead = float(test / solved.scale - count * np.log(2 * solved.used.sum()))
         if not chance_beside(test, count, solved) < UNLIKELY / (2 * len(splits)) or (best and lead < best[0]):
             continue
-        if every.first(kinds).by_nothing_else(np.arange(len(ends)) >= k, test, count):
+        if every.some(kinds).by_nothing_else(np.arange(len(ends)) >= k, test, count):
             best = lead, k
     if best is None:
         return None
     lead, k = best
-    moved = solved.problem.layout.unit * field @ all_splits.explained(k)[0].reshape(-1, 3)  # by all: the nearest to it
+    change = all_splits.explained(k)[0].reshape(3, -1)  # by all: the nearest to it
+    moved = solved.problem.layout.unit * field @ change.T
     edge = views[instants == ends[k - 1][-1]][-1], views[instants == ends[k][0]][0]
     return _described(job, solved.state.points[points], moved, points, edge, lead)
 
@@ -118,6 +118,8 @@ def changed_scene(job: Job, solved: Solved) -> Changed | None:
 @dataclass(frozen=True)
 class _Divided:
     """Of a field's K unknowns in each of B blocks of pictures, so that those of any division of them are sums of these.
+
+    Of three directions, each with the M polynomials of the field.
 
     Parameters
     ----------
@@ -135,30 +137,28 @@ class _Divided:
         """Of a field (N, M) at the ``points`` (N,); ``block`` (V,) of each view, -1 of none."""
         problem, marks, order = solved.problem, solved.problem.marks, solved.problem.order
         group = np.where(solved.used[order], block[marks.views], -1)
-        rows, residual = problem.jacobian(solved.state), solved.residual[order]
-        at, by_place = np.searchsorted(points, marks.points), _by_place(solved, rows)
-        count, kinds, dense = int(group.max()) + 1, 3 * field.shape[1], problem.layout.dense
-        cross = np.zeros((problem.size, count, kinds))
-        power, score = np.zeros((count, kinds, kinds)), np.zeros((count, kinds))
-        every = np.flatnonzero(group >= 0)
-        every = every[np.argsort(group[every], kind="stable")]
-        # Some marks after the others: of all of them b would be the largest array of the calibration.
-        for mine in np.array_split(every, -(-len(every) // KEPT)):
-            b = np.einsum("oij,om->oimj", by_place[mine], field[at[mine]]).reshape(len(mine), 2, kinds)
-            jd, je, columns, own = rows
-            gather(jd[mine], je[mine], columns[mine], own[mine], b, group[mine], cross[:dense], cross[dense:])
-            some, first = np.unique(group[mine], return_index=True)
-            for n, part, r in zip(some, np.split(b, first[1:]), np.split(residual[mine], first[1:]), strict=True):
-                flat = part.reshape(-1, kinds)
-                power[n] += flat.T @ flat
-                score[n] += flat.T @ r.ravel()
+        at, place = np.searchsorted(points, marks.points), _by_place(solved)
+        count, many = int(group.max()) + 1, field.shape[1]
+        cross = gathered(solved, place, group, count, field, at)
+        # What a field does is told by sums over the marks of each marker: of its derivatives' products, and residuals.
+        used = group >= 0
+        cell, place, r = group[used] * len(points) + at[used], place[used], solved.residual[order][used]
+        rest = np.concatenate([place, r[..., None]], axis=2)
+        sums = np.empty((3, 4, count, len(points)))
+        for j, k in np.ndindex(3, 4):
+            product = (place[:, :, j] * rest[:, :, k]).sum(axis=1)
+            sums[j, k] = np.bincount(cell, product, count * len(points)).reshape(count, -1)
+        pairs = (field[:, :, None] * field[:, None, :]).reshape(len(points), -1)
+        power = (sums[:, :3].reshape(-1, len(points)) @ pairs).reshape(3, 3, count, many, many)
+        power = power.transpose(2, 0, 3, 1, 4).reshape(count, 3 * many, -1)
+        score = (sums[:, 3] @ field).transpose(1, 0, 2).reshape(count, -1)
         halves = solved.covariance.halves(cross.reshape(problem.size, -1))
-        return cls(solved, power, score, tuple(half.reshape(len(half), count, kinds) for half in halves))
+        return cls(solved, power, score, tuple(half.reshape(len(half), count, -1) for half in halves))
 
-    def first(self, kinds: int) -> _Divided:
-        """Of the first ``kinds`` of the unknowns alone."""
-        k = slice(kinds)
-        return _Divided(self.solved, self.power[:, k, k], self.score[:, k], tuple(half[..., k] for half in self.halves))
+    def some(self, kinds: Ints) -> _Divided:
+        """Of some of the unknowns alone."""
+        k, each = kinds, np.ix_(np.arange(len(self.power)), kinds, kinds)
+        return _Divided(self.solved, self.power[each], self.score[:, k], tuple(half[..., k] for half in self.halves))
 
     def explained(self, *divisions: Mask) -> tuple[Array, float, int]:
         """The field's unknowns for divisions of the blocks, what they explain together, and how many are told."""
@@ -207,9 +207,10 @@ class _Splits:
     left: Array
     score: Array
 
-    def first(self, kinds: int) -> _Splits:
-        """Of the first ``kinds`` of the unknowns alone."""
-        return _Splits(self.power[:, :kinds], self.left[:, :kinds, :kinds], self.score[:, :kinds])
+    def some(self, kinds: Ints) -> _Splits:
+        """Of some of the unknowns alone."""
+        each = np.ix_(np.arange(len(self.power)), kinds, kinds)
+        return _Splits(self.power[:, kinds], self.left[each], self.score[:, kinds])
 
     def explained(self, split: int) -> tuple[Array, float, int]:
         """See `_Divided.explained`."""
@@ -254,10 +255,10 @@ def _explained(left: Array, power: Array, score: Array) -> tuple[Array, float, i
     return -change / size, test, count
 
 
-def _by_place(solved: Solved, rows: Rows) -> Array:
+def _by_place(solved: Solved) -> Array:
     """(O, 2, 3) derivatives of the whitened residuals by the marker's place, in natural units; 0 of held ones."""
     lay, points = solved.problem.layout, solved.problem.marks.points
-    dense, eliminated, _, _ = rows
+    dense, eliminated, _, _ = solved.problem.jacobian(solved.state)
     out = eliminated.copy() if lay.points_eliminated else np.zeros((*dense.shape[:2], 3))
     tied = lay.columns.point[points] >= 0
     out[tied] = dense[tied][:, :, -3:]

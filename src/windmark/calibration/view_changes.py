@@ -124,8 +124,9 @@ def equations_of(solved: Solved) -> Equations:
     through, inner = solved.covariance.quadratic(cross.reshape(len(cross), -1))
     every = -inner.reshape(len(views), kinds, len(views), kinds)
     first = marks.starts[views]
-    power = np.add.reduceat(np.einsum("oik,oil->okl", b, b), first)
-    score = np.add.reduceat(np.einsum("oik,oi->ok", b, r), first)
+    rows = [part.reshape(-1, kinds) for part in np.split(b, first[1:])]
+    power = np.array([part.T @ part for part in rows])
+    score = np.array([part.T @ of.ravel() for part, of in zip(rows, np.split(r, first[1:]), strict=True)])
     every[n, :, n] += power
     free = np.zeros((len(views), kinds), dtype=bool)
     free[:, :3] = problem.layout.columns.change[views] >= 0

@@ -1,8 +1,9 @@
 """Covariances of an adjusted network, marginal over everything else, in any datum.
 
-With the factors of the Schur complement, Cov_dd = S^-1 and Cov_ee = L^-T (1 + Y Y^T) L^-1 with Y = W L_S^-T: all points
-for one triangular solve. The free motions are held by the dense parameters there; another datum is another choice of
-what does not move, and covariances go over by an S-transformation (Baarda 1973; Teunissen 1985).
+With the Schur complement S, Cov_dd = S^-1, Cov_ed = -H_ee^-1 H_ed S^-1, and of each eliminated block Cov_ee is H_ee^-1
+and what that adds: all points for one product of matrices. The free motions are held by the dense parameters there;
+another datum is another choice of what does not move, and covariances go over by an S-transformation (Baarda 1973;
+Teunissen 1985).
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas, lapack
+from scipy.linalg import lapack
 
 from windmark.adjust.network.linear import single_thread
 from windmark.geometry import DegenerateGeometry
@@ -116,7 +117,14 @@ class NetworkCovariance:
 
 
 def network_covariance(system: NetworkEquations, layout: Layout) -> NetworkCovariance:
-    """Covariance at the minimum.
+    """Covariance at the minimum; raises as `covariance_and_cross` does."""
+    return covariance_and_cross(system, layout)[0]
+
+
+def covariance_and_cross(system: NetworkEquations, layout: Layout) -> tuple[NetworkCovariance, Array]:
+    """Covariance at the minimum, and (E b, D) that of the eliminated parameters with the dense ones.
+
+    Which is as large as anything there is: not kept for those who need it no more.
 
     Raises
     ------
@@ -131,16 +139,14 @@ def network_covariance(system: NetworkEquations, layout: Layout) -> NetworkCovar
         e, b = lower.shape[:2]
         inverse = np.linalg.inv(np.tril(lower))
         half = (inverse.transpose(0, 2, 1) @ w.reshape(e, b, -1)).reshape(e * b, -1)
-        # The factor is column-major and lower: Y^T = L_S^-1 W^T, in the place of W.
-        y = blas.dtrsm(1.0, s, w.T, side=0, lower=1, overwrite_b=1) if w.size else w.T
-        dense = lapack.dpotri(s, lower=1, overwrite_c=1)[0] if s.size else s
-    dense = _mirrored(dense)
-    rows = np.ascontiguousarray(y.T).reshape(e, b, -1)
-    inner = np.eye(b) + rows @ rows.transpose(0, 2, 1)
-    blocks = inverse.transpose(0, 2, 1) @ inner @ inverse
-    motions = np.concatenate([system.gauge.dense, system.gauge.blocks])
+        del factored, w
+        dense = np.asarray(_mirrored(lapack.dpotri(s, lower=1, overwrite_c=1)[0] if s.size else s))
+        cross = half @ dense
+    np.negative(cross, out=cross)
     own = inverse.transpose(0, 2, 1) @ inverse
-    return NetworkCovariance(np.asarray(dense), blocks, own, half, motions, layout)
+    blocks = own - half.reshape(e, b, -1) @ cross.reshape(e, b, -1).transpose(0, 2, 1)
+    motions = np.concatenate([system.gauge.dense, system.gauge.blocks])
+    return NetworkCovariance(dense, blocks, own, half, motions, layout), cross
 
 
 def _mirrored(lower: Array) -> Array:

@@ -122,9 +122,11 @@ def influences(
 
 
 def gather(
-    jd: Array, je: Array, cols: Ints, block: Ints, b: Array, group: Ints, dense: Array, eliminated: Array
-) -> None:
+    jd: Array, je: Array, cols: Ints, block: Ints, b: Array, factor: Array, of: Ints, group: Ints, dense: Array,
+    eliminated: Array,
+) -> None:  # fmt: skip
     """See `_influence_kernels.gather`."""
+    b = (b[..., None] * factor[of][:, None, None]).reshape(len(b), 2, -1)
     size = je.shape[2]
     row = np.where(block[:, None] >= 0, block[:, None] * size + np.arange(size), -1)
     for j, to, out in ((jd, cols, dense), (je, row, eliminated)):
