@@ -53,6 +53,14 @@ def test_a_model_that_bent_is_named_and_between_which_pictures(first, views, siz
     assert result.sigma0 < 1.6
 
 
+def test_so_it_is_with_so_many_pictures_that_their_poses_are_eliminated():
+    """The markers' derivatives are among the dense ones then."""
+    (doubt,) = (d for d in calibrated(bent(1.0), first=12, views=24).doubts if d.cause != "focus")
+    assert doubt.cause == "scene"
+    assert doubt.names[:2] == ("v12", "v11")
+    assert not [d for d in calibrated(views=24).doubts if d.cause == "scene"]
+
+
 def test_so_is_a_part_that_moved():
     def moved(xyz):
         return xyz + np.where(xyz[:, :1] > 50, [[0.0, 0.15, 0.1]], 0.0)

@@ -258,10 +258,11 @@ def _explained(left: Array, power: Array, score: Array) -> tuple[Array, float, i
 def _by_place(solved: Solved) -> Array:
     """(O, 2, 3) derivatives of the whitened residuals by the marker's place, in natural units; 0 of held ones."""
     lay, points = solved.problem.layout, solved.problem.marks.points
-    dense, eliminated, _, _ = solved.problem.jacobian(solved.state)
+    dense, eliminated, columns, _ = solved.problem.jacobian(solved.state)
     out = eliminated.copy() if lay.points_eliminated else np.zeros((*dense.shape[:2], 3))
-    tied = lay.columns.point[points] >= 0
-    out[tied] = dense[tied][:, :, -3:]
+    first = lay.columns.point[points]
+    o, k = np.nonzero((columns == first[:, None]) & (first >= 0)[:, None])
+    out[o] = dense[o[:, None], :, k[:, None] + np.arange(3)].transpose(0, 2, 1)
     return out
 
 

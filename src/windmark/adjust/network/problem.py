@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust.loss import Loss
 from windmark.adjust.network import linear
-from windmark.adjust.network._arrays import CHANGE, ROOM, Equations, Marks, Scene, Units
+from windmark.adjust.network._arrays import CHANGE, Equations, Marks, Scene, Units
 from windmark.adjust.network.equations import NetworkEquations
 from windmark.adjust.network.gauge import free_motions, stabiliser
 from windmark.adjust.network.layout import Layout, make_layout, natural_units
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Rows = tuple[Array, Array, Ints, Ints]
 
-KEPT = 30_000
+KEPT = 60_000
 """Marks up to which the derivatives at a minimum are kept for the next who asks (25 MB)."""
 
 
@@ -115,15 +115,17 @@ class NetworkProblem:
 
         Returns
         -------
-        dense : (O, 2, ROOM) by the dense parameters, whose columns are ``columns`` (O, ROOM); -1 where there is none
+        dense : (O, 2, K) by the dense parameters, whose columns are ``columns`` (O, K); -1 where there is none. K are
+            the most that a mark has (`Layout.most_columns`), those of its point behind the others
         eliminated : (O, 2, b) by the eliminated block ``block`` (O,), -1 for none
         columns, block : as said; the four come as (dense, eliminated, columns, block), not to be written into
         """
         if self._rows is not None and self._rows[0] is state:
             return self._rows[1]
         o, lay = len(self.order), self.layout
-        dense, eliminated = np.empty((o, 2, ROOM)), np.empty((o, 2, lay.size))
-        columns, block = np.empty((o, ROOM), np.int64), np.empty(o, np.int64)
+        width = lay.most_columns(self._view_camera, self._view_frame, self._view_offset)
+        dense, eliminated = np.empty((o, 2, width)), np.empty((o, 2, lay.size))
+        columns, block = np.empty((o, width), np.int64), np.empty(o, np.int64)
         linear.jacobian_rows(
             self.marks, self.scene(state), self.units(state), lay.columns, dense, eliminated, columns, block
         )  # fmt: skip
