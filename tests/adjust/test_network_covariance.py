@@ -62,6 +62,12 @@ def test_marginal_of_single_parameters_is_that_of_the_whole_matrix(away):
     d, size = len(cov.dense), cov.blocks.shape[1]
     every = cov.product(np.eye(d + len(cov.half)))
     block = d + 2 * size + np.arange(size)
+    some, rows = np.random.default_rng(2).normal(size=(len(every), 4)), np.array([3, 0])
+    upper, form = cov.quadratic(some, rows)
+    np.testing.assert_allclose(upper, every[rows] @ some, rtol=1e-9, atol=1e-9 * np.abs(every @ some).max())
+    np.testing.assert_allclose(form, some.T @ every @ some, rtol=1e-9, atol=1e-9 * np.abs(form).max())
+    a, b, c, e = cov.halves(some)
+    np.testing.assert_allclose(a.T @ b + c.T @ e, form, rtol=1e-9, atol=1e-9 * np.abs(form).max())
     for index in (np.array([1, 4, 7]), block, np.concatenate([[0, 3], block[[2, 0]]])):
         np.testing.assert_allclose(cov.marginal(index), every[np.ix_(index, index)], rtol=1e-7, atol=1e-18)
     with pytest.raises(ValueError, match="one block"):

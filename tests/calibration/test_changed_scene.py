@@ -121,4 +121,3 @@ def test_what_divisions_explain_is_that_of_their_pictures_taken_anew(monkeypatch
         found, k = some.splits().most(list(range(2, blocks - 1)))
         assert k == 2 + int(np.argmax(tests[1:-1]))
         assert found[1] == pytest.approx(tests[k - 1])
-        assert (some.splits()._bounds()[1:] >= tests).all()

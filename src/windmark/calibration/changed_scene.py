@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from windmark.calibration.agreement import FALSE
-from windmark.calibration.hypotheses import CHECKED, chance_beside, gathered
+from windmark.calibration.hypotheses import chance_beside, gathered
 from windmark.calibration.setup import Job, frames_of
 from windmark.calibration.solve import Solved
-from windmark.calibration.view_changes import explained
+from windmark.calibration.view_changes import explained, most_explained
 from windmark.errors import g2
 from windmark.geometry.similarity import align
 from windmark.scene import Doubt
@@ -46,8 +46,6 @@ SURE = 2 * np.log(1 / FALSE)
 """Of twice the logarithm of a likelihood, by which one is told from another."""
 FIRST = 4
 """Polynomials up to the first degree in three coordinates."""
-LITTLE = 1e-2 * CHECKED
-"""Beside what an unknown has to have left to be told, far above rounding."""
 USUAL = 0.01
 """Probability of what a division by lot explains beside the change, above which half of them have to be."""
 
@@ -221,38 +219,26 @@ class _Splits:
 
         Of what is explained there is an upper bound, and so most need no eigenvectors.
         """
-        bound, best, at = self._bounds()[splits], None, 0
-        for n in np.argsort(-bound, kind="stable").tolist():
-            if best is not None and bound[n] < best[1]:
-                break
-            found = self.explained(splits[n])
-            if best is None or found[1] > best[1]:
-                best, at = found, splits[n]
-        assert best is not None
+        bound = {k: most_explained(*_scaled(self.left[k], self.power[k], self.score[k])[:2]) for k in splits}
+        first, *others = sorted(splits, key=lambda k: -bound[k])
+        best, at = self.explained(first), first
+        for k in others:
+            if bound[k] >= best[1] and (found := self.explained(k))[1] > best[1]:
+                best, at = found, k
         return best, at
-
-    def _bounds(self) -> Array:
-        """(B,) what each explains is no more than that; inf where rounding leaves no bound.
-
-        With LITTLE more on the diagonal, and a factor 1 + LITTLE / CHECKED on the result, all directions together
-        explain no less than those that are told do without.
-        """
-        size = np.sqrt(np.maximum(self.power, np.finfo(float).tiny))
-        left = self.left / (size[:, :, None] * size[:, None, :]) + LITTLE * np.eye(size.shape[1])
-        score = self.score / size
-        try:
-            np.linalg.cholesky(left)
-        except np.linalg.LinAlgError:
-            return np.full(len(left), np.inf)
-        along = np.linalg.solve(left, score[..., None])[..., 0]
-        return np.asarray((1 + LITTLE / CHECKED) * (along * score).sum(axis=1))
 
 
 def _explained(left: Array, power: Array, score: Array) -> tuple[Array, float, int]:
     """Unknowns (K,), what they explain, how many are told; from (K, K) b^T Q b, the diagonal of b^T b, and b^T r."""
-    size = np.sqrt(np.maximum(power, np.finfo(float).tiny))
-    change, test, count = explained(left / np.outer(size, size), score / size)
+    *scaled, size = _scaled(left, power, score)
+    change, test, count = explained(*scaled)
     return -change / size, test, count
+
+
+def _scaled(left: Array, power: Array, score: Array) -> tuple[Array, Array, Array]:
+    """The same in units of the sizes of b, and these."""
+    size = np.sqrt(np.maximum(power, np.finfo(float).tiny))
+    return left / np.outer(size, size), score / size, size
 
 
 def _by_place(solved: Solved) -> Array:

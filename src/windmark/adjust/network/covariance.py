@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from windmark.adjust.network.linear import single_thread
 from windmark.geometry import DegenerateGeometry
@@ -95,10 +95,22 @@ class NetworkCovariance:
         upper = self._upper(vectors)[1]
         return np.concatenate([upper, self._by_own(vectors) - self.half @ upper])
 
-    def quadratic(self, vectors: Array) -> tuple[Array, Array]:
-        """(D, k) the first rows of `product`, and (k, k) vectors^T times all of it, which need not be made."""
-        left, upper = self._upper(vectors)
-        return upper, left.T @ upper + vectors[len(self.dense) :].T @ self._by_own(vectors)
+    def quadratic(self, vectors: Array, rows: Ints) -> tuple[Array, Array]:
+        """Some of the first ``rows`` (m,) of `product`, (m, k), and (k, k) vectors^T times all of it, by its root."""
+        low, d = vectors[len(self.dense) :], len(self.dense)
+        left = vectors[:d] - self.half.T @ low
+        some = self.dense[rows] @ left
+        factor, failed = lapack.dpotrf(self.dense, lower=1, clean=0) if left.size else (left, 1)
+        if failed:  # rounding; or nothing is dense
+            return some, left.T @ self.dense @ left + low.T @ self._by_own(vectors)
+        # The products of the root are half of those of the covariance, and the sums of a symmetric matrix half of all.
+        across = blas.dtrmm(1.0, factor, left.T, side=1, lower=1, overwrite_b=1)
+        out = blas.dsyrk(1.0, across, lower=1)
+        if low.size:
+            root = np.linalg.cholesky(self.own).transpose(0, 2, 1)
+            across = (root @ low.reshape(*self.own.shape[:2], -1)).reshape(low.shape).T
+            out = blas.dsyrk(1.0, across, beta=1.0, c=out, lower=1, overwrite_c=1)
+        return some, _mirrored(out)
 
     def halves(self, vectors: Array) -> tuple[Array, Array, Array, Array]:
         """(D, k) a and b, (E b, k) c and d: what `quadratic` makes of any vectors is a^T b + c^T d of their columns."""
