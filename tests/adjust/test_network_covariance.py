@@ -66,8 +66,12 @@ def test_marginal_of_single_parameters_is_that_of_the_whole_matrix(away):
     upper, form = cov.quadratic(some, rows)
     np.testing.assert_allclose(upper, every[rows] @ some, rtol=1e-9, atol=1e-9 * np.abs(every @ some).max())
     np.testing.assert_allclose(form, some.T @ every @ some, rtol=1e-9, atol=1e-9 * np.abs(form).max())
-    a, b, c, e = cov.halves(some)
-    np.testing.assert_allclose(a.T @ b + c.T @ e, form, rtol=1e-9, atol=1e-9 * np.abs(form).max())
+    product = sum(half.T @ half for half in cov.rooted(some))
+    np.testing.assert_allclose(product, form, rtol=1e-9, atol=1e-9 * np.abs(form).max())
+    gone = replace(cov, dense=cov.dense - 2 * np.linalg.eigvalsh(cov.dense)[0] * np.eye(d))  # no factor any more
+    np.testing.assert_allclose(
+        gone.quadratic(some, rows)[1], some.T @ gone.product(some), atol=1e-3 * np.abs(form).max()
+    )
     for index in (np.array([1, 4, 7]), block, np.concatenate([[0, 3], block[[2, 0]]])):
         np.testing.assert_allclose(cov.marginal(index), every[np.ix_(index, index)], rtol=1e-7, atol=1e-18)
     with pytest.raises(ValueError, match="one block"):

@@ -122,13 +122,13 @@ class _Divided:
     Parameters
     ----------
     power, score : (B, K, K), (B, K) b^T b and b^T r
-    halves : of J^T b, each (n, B, K): what `NetworkCovariance.halves` makes of it
+    rooted : (n, B, K), (m, B, K) what `NetworkCovariance.rooted` makes of J^T b
     """
 
     solved: Solved
     power: Array
     score: Array
-    halves: tuple[Array, ...]
+    rooted: tuple[Array, ...]
 
     @classmethod
     def of(cls, solved: Solved, field: Array, points: Ints, block: Ints) -> _Divided:
@@ -150,32 +150,30 @@ class _Divided:
         power = (sums[:, :3].reshape(-1, len(points)) @ pairs).reshape(3, 3, count, many, many)
         power = power.transpose(2, 0, 3, 1, 4).reshape(count, 3 * many, -1)
         score = (sums[:, 3] @ field).transpose(1, 0, 2).reshape(count, -1)
-        halves = solved.covariance.halves(cross.reshape(problem.size, -1))
-        return cls(solved, power, score, tuple(half.reshape(len(half), count, -1) for half in halves))
+        rooted = solved.covariance.rooted(cross.reshape(problem.size, -1))
+        return cls(solved, power, score, tuple(half.reshape(len(half), count, -1) for half in rooted))
 
     def some(self, kinds: Ints) -> _Divided:
         """Of some of the unknowns alone."""
         k, each = kinds, np.ix_(np.arange(len(self.power)), kinds, kinds)
-        return _Divided(self.solved, self.power[each], self.score[:, k], tuple(half[..., k] for half in self.halves))
+        return _Divided(self.solved, self.power[each], self.score[:, k], tuple(half[..., k] for half in self.rooted))
 
     def explained(self, *divisions: Mask) -> tuple[Array, float, int]:
         """The field's unknowns for divisions of the blocks, what they explain together, and how many are told."""
-        a, b, c, d = (
-            np.concatenate([half[:, later].sum(axis=1) for later in divisions], axis=1) for half in self.halves
-        )
+        halves = [np.concatenate([half[:, later].sum(axis=1) for later in divisions], axis=1) for half in self.rooted]
         power = np.block([[self.power[one & other].sum(axis=0) for other in divisions] for one in divisions])
         score = np.concatenate([self.score[later].sum(axis=0) for later in divisions])
-        return _explained(power - a.T @ b - c.T @ d, np.diagonal(power), score)
+        return _explained(power - sum(half.T @ half for half in halves), np.diagonal(power), score)
 
     def splits(self) -> _Splits:
         """Of the divisions into the blocks from each one on, and those before it."""
         power, score = (np.cumsum(each[::-1], axis=0)[::-1] for each in (self.power, self.score))
-        left, sums = power.copy(), [np.zeros((len(half), half.shape[2])) for half in self.halves]
-        for n in range(len(left) - 1, -1, -1):
-            for half, total in zip(self.halves, sums, strict=True):
+        left = power.copy()
+        for half in self.rooted:
+            total = np.zeros((len(half), half.shape[2]))
+            for n in range(len(left) - 1, -1, -1):
                 total += half[:, n]
-            a, b, c, d = sums
-            left[n] -= a.T @ b + c.T @ d
+                left[n] -= total.T @ total
         return _Splits(np.diagonal(power, axis1=1, axis2=2), left, score)
 
     def by_nothing_else(self, later: Mask, test: float, count: int) -> bool:

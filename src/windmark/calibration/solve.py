@@ -137,8 +137,7 @@ def _plain(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved
     taken, dropped = taking_part(job, allowed)
     if not taken.any():
         return None
-    network = make_network(job, taken, allowed.astype(float))
-    problem = NetworkProblem(network, start, shift[taken])
+    problem = NetworkProblem(make_network(job, taken), start, shift[taken])
     if problem.residual(start) is None:
         return None  # the robust stages say why
     state, system, report = minimise(problem, start, PLAIN)

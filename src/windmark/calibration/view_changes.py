@@ -178,13 +178,15 @@ def told(power: Array) -> int:
 def most_explained(power: Array, score: Array) -> float:
     """What (n, n) and (n,) explain, see `explained`, is no more than that; inf where rounding leaves no bound.
 
-    With `LITTLE` more on the diagonal, and a factor 1 + LITTLE / CHECKED on the result, all directions together explain
-    no less than those that are told do without. A factor of the matrix does, and no eigenvectors are needed.
+    A direction of the eigenvalue v explains s^2 / v. With e = `LITTLE` more on the diagonal, v^2 / (v + e)^3 is no less
+    where v is told but for (1 + e / CHECKED)^3, never negative, and little where v is far below e. A factor of the
+    matrix is enough, no eigenvectors are needed.
     """
     factor, failed = lapack.dpotrf(power + LITTLE * np.eye(len(power)), lower=1)
     if failed:
         return float("inf")
-    return float((1 + LITTLE / CHECKED) * (score @ lapack.dpotrs(factor, score, lower=1)[0]))
+    along = power @ lapack.dpotrs(factor, score, lower=1)[0]
+    return float((1 + LITTLE / CHECKED) ** 3 * (along @ lapack.dpotrs(factor, along, lower=1)[0]))
 
 
 def explained(power: Array, score: Array) -> tuple[Array, float, int]:

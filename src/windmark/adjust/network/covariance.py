@@ -9,6 +9,7 @@ Teunissen 1985).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,35 +93,47 @@ class NetworkCovariance:
 
     def product(self, vectors: Array) -> Array:
         """Covariance times (D + E b, k)."""
-        upper = self._upper(vectors)[1]
+        upper = self.dense @ self._left(vectors)
         return np.concatenate([upper, self._by_own(vectors) - self.half @ upper])
 
     def quadratic(self, vectors: Array, rows: Ints) -> tuple[Array, Array]:
-        """Some of the first ``rows`` (m,) of `product`, (m, k), and (k, k) vectors^T times all of it, by its root."""
-        low, d = vectors[len(self.dense) :], len(self.dense)
-        left = vectors[:d] - self.half.T @ low
-        some = self.dense[rows] @ left
-        factor, failed = lapack.dpotrf(self.dense, lower=1, clean=0) if left.size else (left, 1)
-        if failed:  # rounding; or nothing is dense
-            return some, left.T @ self.dense @ left + low.T @ self._by_own(vectors)
-        # The products of the root are half of those of the covariance, and the sums of a symmetric matrix half of all.
-        across = blas.dtrmm(1.0, factor, left.T, side=1, lower=1, overwrite_b=1)
-        out = blas.dsyrk(1.0, across, lower=1)
-        if low.size:
-            root = np.linalg.cholesky(self.own).transpose(0, 2, 1)
-            across = (root @ low.reshape(*self.own.shape[:2], -1)).reshape(low.shape).T
-            out = blas.dsyrk(1.0, across, beta=1.0, c=out, lower=1, overwrite_c=1)
+        """Some of the first ``rows`` (m,) of `product`, (m, k), and (k, k) vectors^T times all of it."""
+        left = self._left(vectors)
+        some, out = self.dense[rows] @ left, np.zeros((left.shape[1],) * 2, order="F")
+        # One half after the other: of a large network each takes 100 MB.
+        for half in (partial(self._root_of_own, vectors), partial(self._root_of_dense, left)):
+            out = _with_squares(out, half())
         return some, _mirrored(out)
 
-    def halves(self, vectors: Array) -> tuple[Array, Array, Array, Array]:
-        """(D, k) a and b, (E b, k) c and d: what `quadratic` makes of any vectors is a^T b + c^T d of their columns."""
-        return *self._upper(vectors), vectors[len(self.dense) :], self._by_own(vectors)
+    def rooted(self, vectors: Array) -> tuple[Array, Array]:
+        """Of a root of the covariance times (D + E b, k) the (D, k) and the (E b, k): products of their columns with
+        each other are vectors^T times `product`, of any of these.
+        """
+        return self._root_of_dense(self._left(vectors)), self._root_of_own(vectors)
 
-    def _upper(self, vectors: Array) -> tuple[Array, Array]:
-        """(D, k) what the eliminated parameters leave over of vectors, and the first rows of `product`."""
+    def _root_of_own(self, vectors: Array) -> Array:
+        """(E b, k): the root of the eliminated parameters' own part."""
+        low = vectors[len(self.dense) :]
+        if not low.size:
+            return low
+        root = np.linalg.cholesky(self.own).transpose(0, 2, 1)
+        return np.asarray((root @ low.reshape(*self.own.shape[:2], -1)).reshape(low.shape))
+
+    def _root_of_dense(self, left: Array) -> Array:
+        """(D, k): the root of the dense part times `_left` of the vectors, which is overwritten."""
+        if not left.size:
+            return left
+        factor, failed = lapack.dpotrf(self.dense, lower=1, clean=0)
+        if not failed:  # a triangle: half of the products
+            return np.asarray(blas.dtrmm(1.0, factor, left.T, side=1, lower=1, overwrite_b=1).T)
+        value, axes = np.linalg.eigh(self.dense)  # where rounding has left nothing of some direction
+        return np.asarray(np.sqrt(np.maximum(value, 0.0))[:, None] * (axes.T @ left))
+
+    def _left(self, vectors: Array) -> Array:
+        """(D, k) what the eliminated parameters leave over of vectors."""
         d = len(self.dense)
-        left = vectors[:d] - self.half.T @ vectors[d:]
-        return left, self.dense @ left
+        out = self.half.T @ vectors[d:]
+        return np.subtract(vectors[:d], out, out=out)
 
     def _by_own(self, vectors: Array) -> Array:
         """(E b, k) the eliminated parameters' own part of `product`."""
@@ -159,6 +172,11 @@ def covariance_and_cross(system: NetworkEquations, layout: Layout) -> tuple[Netw
     blocks = own - half.reshape(e, b, -1) @ cross.reshape(e, b, -1).transpose(0, 2, 1)
     motions = np.concatenate([system.gauge.dense, system.gauge.blocks])
     return NetworkCovariance(dense, blocks, own, half, motions, layout), cross
+
+
+def _with_squares(out: Array, rows: Array) -> Array:
+    """The lower triangle of ``out`` (k, k) and the products of the columns of (n, k); half of the sums do for it."""
+    return np.asarray(blas.dsyrk(1.0, rows.T, beta=1.0, c=out, lower=1, overwrite_c=1)) if rows.size else out
 
 
 def _mirrored(lower: Array) -> Array:

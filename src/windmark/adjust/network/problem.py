@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Rows = tuple[Array, Array, Ints, Ints]
 
+NO_POSES = Pose(np.zeros((0, 3, 3)), np.zeros((0, 3)))
 KEPT = 60_000
 """Marks up to which the derivatives at a minimum are kept for the next who asks (25 MB)."""
 
@@ -91,7 +92,7 @@ class NetworkProblem:
         camera = np.stack([c.packed() for c in state.cameras])
         tilt = np.stack([_tilt(c.tilt_x, c.tilt_y) for c in state.cameras])
         change = np.zeros((len(self._view_camera), CHANGE)) if state.change is None else state.change
-        frames, offsets = state.frames, state.offsets or Pose(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        frames, offsets = state.frames, state.offsets or NO_POSES
         plain = np.ascontiguousarray
         return Scene(
             camera, tilt, self._view_camera, self._view_frame, self._view_offset, change + np.eye(1, CHANGE),
@@ -250,7 +251,7 @@ def _turned(pose: Pose, step: Array, pivot: Array, scale: Array) -> Pose:
     """Poses after natural steps (n, 6): a turn about the pivot and a shift in parts of the scale."""
     turn = exp_so3(step[:, :3])
     arm = (turn @ (pose.translation - pivot)[..., None])[..., 0]
-    return Pose(turn @ pose.rotation, pivot + arm + scale[:, None] * step[:, 3:])
+    return Pose.trusted(turn @ pose.rotation, pivot + arm + scale[:, None] * step[:, 3:])
 
 
 def camera_columns(layout: Layout) -> list[tuple[int, str, int]]:
