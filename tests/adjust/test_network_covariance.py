@@ -62,6 +62,16 @@ def test_marginal_of_single_parameters_is_that_of_the_whole_matrix(away):
     d, size = len(cov.dense), cov.blocks.shape[1]
     every = cov.product(np.eye(d + len(cov.half)))
     block = d + 2 * size + np.arange(size)
+    some, rows = np.random.default_rng(2).normal(size=(len(every), 4)), np.array([3, 0])
+    upper, form = cov.quadratic(some, rows)
+    np.testing.assert_allclose(upper, every[rows] @ some, rtol=1e-9, atol=1e-9 * np.abs(every @ some).max())
+    np.testing.assert_allclose(form, some.T @ every @ some, rtol=1e-9, atol=1e-9 * np.abs(form).max())
+    product = sum(half.T @ half for half in cov.rooted(some))
+    np.testing.assert_allclose(product, form, rtol=1e-9, atol=1e-9 * np.abs(form).max())
+    gone = replace(cov, dense=cov.dense - 2 * np.linalg.eigvalsh(cov.dense)[0] * np.eye(d))  # no factor any more
+    np.testing.assert_allclose(
+        gone.quadratic(some, rows)[1], some.T @ gone.product(some), atol=1e-3 * np.abs(form).max()
+    )
     for index in (np.array([1, 4, 7]), block, np.concatenate([[0, 3], block[[2, 0]]])):
         np.testing.assert_allclose(cov.marginal(index), every[np.ix_(index, index)], rtol=1e-7, atol=1e-18)
     with pytest.raises(ValueError, match="one block"):
@@ -172,7 +182,8 @@ def test_what_marks_follow_is_their_derivative_in_the_whole_covariance(name, mon
     b, group = np.random.default_rng(3).normal(size=(len(jd), 2, 3)), np.arange(len(jd)) % 5 - 1
     for of in (numpy_path.gather, linear.gather):
         sums = np.zeros((problem.size, 4, 3))
-        of(jd, je, cols, block, b, group, sums[: problem.layout.dense], sums[problem.layout.dense :])
+        one, first = np.ones((1, 1)), np.zeros(len(jd), int)
+        of(jd, je, cols, block, b, one, first, group, *np.split(sums, [problem.layout.dense]))
         for g in range(4):
             mine = group == g
             np.testing.assert_allclose(sums[:, g], np.einsum("oip,oik->pk", j[mine], b[mine]), rtol=1e-5, atol=1e-4)

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from windmark.calibration import Calibration, Free, self_calibrate
+from windmark.calibration.changed_scene import FIRST, _by_place, _Divided, _field
+from windmark.calibration.hypotheses import gathered
+from windmark.calibration.view_changes import explained
 from windmark.geometry import Camera, Pose
 from windmark.scene import MarkerSet, Observations, View
 
@@ -50,6 +53,14 @@ def test_a_model_that_bent_is_named_and_between_which_pictures(first, views, siz
     assert result.sigma0 < 1.6
 
 
+def test_so_it_is_with_so_many_pictures_that_their_poses_are_eliminated():
+    """The markers' derivatives are among the dense ones then."""
+    (doubt,) = (d for d in calibrated(bent(1.0), first=12, views=24).doubts if d.cause != "focus")
+    assert doubt.cause == "scene"
+    assert doubt.names[:2] == ("v12", "v11")
+    assert not [d for d in calibrated(views=24).doubts if d.cause == "scene"]
+
+
 def test_so_is_a_part_that_moved():
     def moved(xyz):
         return xyz + np.where(xyz[:, :1] > 50, [[0.0, 0.15, 0.1]], 0.0)
@@ -79,3 +90,34 @@ def test_a_lens_that_is_not_the_given_one_is_no_change_of_the_scene():
     """Its errors differ from picture to picture, in one division of them as in another."""
     other = replace(CAMERA, k1=-0.11)
     assert "scene" not in [d.cause for d in calibrated(cameras=lambda _: other).doubts]
+
+
+def test_what_divisions_explain_is_that_of_their_pictures_taken_anew(monkeypatch):
+    """Sums over blocks do for every division, and bounds leave out no split that explains more."""
+    kept = []
+    monkeypatch.setattr(_Divided, "splits", lambda every, splits=_Divided.splits: kept.append(every) or splits(every))
+    calibrated(views=12, first=7, change=bent(0.5))
+    every = kept[0]
+    solved, blocks = every.solved, len(every.score)
+    points = np.arange(40)
+    field, view = _field(solved, points), solved.problem.marks.views
+    b = np.einsum("oij,om->oijm", _by_place(solved), field[solved.problem.marks.points]).reshape(len(view), 2, -1)
+    b[~solved.used[solved.problem.order]] = 0.0
+    unknowns = np.arange(3 * field.shape[1]).reshape(3, -1)
+    for kinds in (unknowns[:, :FIRST].ravel(), unknowns.ravel()):
+        some, tests = every.some(kinds), []
+        for k in range(1, blocks):
+            of = b[..., kinds] * (view >= k)[:, None, None]
+            cross = gathered(solved, of, np.zeros(len(view), int), 1)[:, 0]
+            flat, r = of.reshape(-1, len(kinds)), solved.residual[solved.problem.order].ravel()
+            left = flat.T @ flat - cross.T @ solved.covariance.product(cross)
+            size = np.sqrt(np.diagonal(flat.T @ flat))
+            change, test, count = explained(left / np.outer(size, size), flat.T @ r / size)
+            tests.append(test)
+            for found in (some.explained(np.arange(blocks) >= k), some.splits().explained(k)):
+                assert found[1] == pytest.approx(test, rel=1e-6)
+                assert found[2] == count
+                np.testing.assert_allclose(found[0], -change / size, atol=1e-6 * np.abs(change / size).max())
+        found, k = some.splits().most(list(range(2, blocks - 1)))
+        assert k == 2 + int(np.argmax(tests[1:-1]))
+        assert found[1] == pytest.approx(tests[k - 1])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from windmark.calibration import Free, self_calibrate
+from windmark.calibration.view_changes import explained, most_explained, told
 
 
 def calibrated(change, seed=31, views=10):
@@ -52,3 +53,21 @@ def test_a_picture_focused_anew_or_cut_is_not_sheared():
 
 def test_pictures_without_a_flaw_are_not_doubted():
     assert calibrated(lambda v, at: np.zeros(2)).doubts == ()
+
+
+@pytest.mark.parametrize("idle", [0, 1, 3])
+def test_bounds_of_what_unknowns_explain_need_no_eigenvectors(idle):
+    """How many are told is exact, and what they explain never more than its bound; `idle` ones are not told."""
+    rng = np.random.default_rng(7)
+    for n in (1, 5, 40):
+        axes = np.linalg.qr(rng.normal(size=(n, n)))[0]
+        value = np.r_[np.zeros(min(idle, n - 1)), rng.uniform(2e-4, 1.0, n - min(idle, n - 1))]
+        power = (axes * value) @ axes.T
+        score = power @ rng.normal(size=n)
+        _, test, count = explained(power, score)
+        assert told(power) == count
+        assert test <= most_explained(power, score) <= 1.04 * test
+    nearly = np.diag([1e-7, 0.5])  # not told, but its score is
+    assert most_explained(nearly, np.array([0.02, 1.0])) < 1.05 * explained(nearly, np.array([0.02, 1.0]))[1] + 4
+    assert told(np.array([[0.0, 1.0], [1.0, 0.0]])) == 1  # two that are one pivot
+    assert most_explained(np.array([[0.0, 1.0], [1.0, 0.0]]), np.ones(2)) == np.inf

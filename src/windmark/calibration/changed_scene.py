@@ -23,7 +23,7 @@ from windmark.calibration.agreement import FALSE
 from windmark.calibration.hypotheses import chance_beside, gathered
 from windmark.calibration.setup import Job, frames_of
 from windmark.calibration.solve import Solved
-from windmark.calibration.view_changes import explained
+from windmark.calibration.view_changes import explained, most_explained
 from windmark.errors import g2
 from windmark.geometry.similarity import align
 from windmark.scene import Doubt
@@ -44,6 +44,8 @@ UNLIKELY = FALSE / 3
 LEAST_MARKERS = 10
 SURE = 2 * np.log(1 / FALSE)
 """Of twice the logarithm of a likelihood, by which one is told from another."""
+FIRST = 4
+"""Polynomials up to the first degree in three coordinates."""
 USUAL = 0.01
 """Probability of what a division by lot explains beside the change, above which half of them have to be."""
 
@@ -87,65 +89,92 @@ def changed_scene(job: Job, solved: Solved) -> Changed | None:
         return None
     block = np.full(len(job.views), -1)
     ends = np.array_split(times, min(len(times), BLOCKS))
-    for n, some in enumerate(ends):
-        block[views[np.isin(instants, some)]] = n
+    of_time = np.repeat(np.arange(len(ends)), [len(some) for some in ends])
+    block[views] = of_time[np.searchsorted(times, instants)]
     splits = [k for k in range(1, len(ends)) if LEAST <= sum(map(len, ends[:k])) <= len(times) - LEAST]
+    field = _field(solved, points)
+    every = _Divided.of(solved, field, points, block)
+    all_splits = every.splits()
     best: tuple[float, int] | None = None
-    for degree in (1, 2):
-        field = _field(solved, points, degree)
-        tried = _Divided.of(solved, field[np.searchsorted(points, solved.problem.marks.points)], block)
-        (_, test, count), k = max(((tried.explained(np.arange(len(ends)) >= k), k) for k in splits), key=_most)
+    unknowns = np.arange(3 * field.shape[1]).reshape(3, -1)
+    for kinds in (unknowns[:, :FIRST].ravel(), unknowns.ravel()):
+        (_, test, count), k = all_splits.some(kinds).most(splits)
         lead = float(test / solved.scale - count * np.log(2 * solved.used.sum()))
         if not chance_beside(test, count, solved) < UNLIKELY / (2 * len(splits)) or (best and lead < best[0]):
             continue
-        if tried.by_nothing_else(np.arange(len(ends)) >= k, test, count):
+        if every.some(kinds).by_nothing_else(np.arange(len(ends)) >= k, test, count):
             best = lead, k
     if best is None:
         return None
     lead, k = best
-    moved = solved.problem.layout.unit * field @ tried.explained(np.arange(len(ends)) >= k)[0].reshape(-1, 3)
+    change = all_splits.explained(k)[0].reshape(3, -1)  # by all: the nearest to it
+    moved = solved.problem.layout.unit * field @ change.T
     edge = views[instants == ends[k - 1][-1]][-1], views[instants == ends[k][0]][0]
     return _described(job, solved.state.points[points], moved, points, edge, lead)
 
 
-def _most(found: tuple[tuple[Array, float, int], int]) -> float:
-    """What a split explains."""
-    return found[0][1]
-
-
 @dataclass(frozen=True)
 class _Divided:
-    """Sums over blocks of pictures: J^T b (D + E b, B, K), b^T b and b^T r of a field's K unknowns."""
+    """Of a field's K unknowns in each of B blocks of pictures, so that those of any division of them are sums of these.
+
+    Of three directions, each with the M polynomials of the field.
+
+    Parameters
+    ----------
+    power, score : (B, K, K), (B, K) b^T b and b^T r
+    rooted : (n, B, K), (m, B, K) what `NetworkCovariance.rooted` makes of J^T b
+    """
 
     solved: Solved
-    cross: Array
     power: Array
     score: Array
+    rooted: tuple[Array, ...]
 
     @classmethod
-    def of(cls, solved: Solved, field: Array, block: Ints) -> _Divided:
-        """Of a field (O, M) at the marks' markers; ``block`` (V,) of each view, -1 of none."""
-        problem, order = solved.problem, solved.problem.order
-        used = solved.used[order]
-        b = np.einsum("oij,om->oimj", _by_place(solved), field).reshape(len(order), 2, -1)
-        b[~used] = 0.0
-        group = np.where(used, block[problem.marks.views], -1)
-        count = int(group.max()) + 1
-        power, score = np.zeros((count, b.shape[2], b.shape[2])), np.zeros((count, b.shape[2]))
-        for n in range(count):
-            mine = b[group == n].reshape(-1, b.shape[2])
-            power[n], score[n] = mine.T @ mine, mine.T @ solved.residual[order][group == n].ravel()
-        return cls(solved, gathered(solved, b, group, count), power, score)
+    def of(cls, solved: Solved, field: Array, points: Ints, block: Ints) -> _Divided:
+        """Of a field (N, M) at the ``points`` (N,); ``block`` (V,) of each view, -1 of none."""
+        problem, marks, order = solved.problem, solved.problem.marks, solved.problem.order
+        group = np.where(solved.used[order], block[marks.views], -1)
+        at, place = np.searchsorted(points, marks.points), _by_place(solved)
+        count, many = int(group.max()) + 1, field.shape[1]
+        cross = gathered(solved, place, group, count, field, at)
+        # What a field does is told by sums over the marks of each marker: of its derivatives' products, and residuals.
+        used = group >= 0
+        cell, place, r = group[used] * len(points) + at[used], place[used], solved.residual[order][used]
+        rest = np.concatenate([place, r[..., None]], axis=2)
+        sums = np.empty((3, 4, count, len(points)))
+        for j, k in np.ndindex(3, 4):
+            product = (place[:, :, j] * rest[:, :, k]).sum(axis=1)
+            sums[j, k] = np.bincount(cell, product, count * len(points)).reshape(count, -1)
+        pairs = (field[:, :, None] * field[:, None, :]).reshape(len(points), -1)
+        power = (sums[:, :3].reshape(-1, len(points)) @ pairs).reshape(3, 3, count, many, many)
+        power = power.transpose(2, 0, 3, 1, 4).reshape(count, 3 * many, -1)
+        score = (sums[:, 3] @ field).transpose(1, 0, 2).reshape(count, -1)
+        rooted = solved.covariance.rooted(cross.reshape(problem.size, -1))
+        return cls(solved, power, score, tuple(half.reshape(len(half), count, -1) for half in rooted))
+
+    def some(self, kinds: Ints) -> _Divided:
+        """Of some of the unknowns alone."""
+        k, each = kinds, np.ix_(np.arange(len(self.power)), kinds, kinds)
+        return _Divided(self.solved, self.power[each], self.score[:, k], tuple(half[..., k] for half in self.rooted))
 
     def explained(self, *divisions: Mask) -> tuple[Array, float, int]:
         """The field's unknowns for divisions of the blocks, what they explain together, and how many are told."""
-        cross = [self.cross[:, later].sum(axis=1) for later in divisions]
-        through = self.solved.covariance.quadratic(np.concatenate(cross, axis=1))[1]
+        halves = [np.concatenate([half[:, later].sum(axis=1) for later in divisions], axis=1) for half in self.rooted]
         power = np.block([[self.power[one & other].sum(axis=0) for other in divisions] for one in divisions])
         score = np.concatenate([self.score[later].sum(axis=0) for later in divisions])
-        size = np.sqrt(np.maximum(np.diagonal(power), np.finfo(float).tiny))
-        change, test, count = explained((power - through) / np.outer(size, size), score / size)
-        return -change / size, test, count
+        return _explained(power - sum(half.T @ half for half in halves), np.diagonal(power), score)
+
+    def splits(self) -> _Splits:
+        """Of the divisions into the blocks from each one on, and those before it."""
+        power, score = (np.cumsum(each[::-1], axis=0)[::-1] for each in (self.power, self.score))
+        left = power.copy()
+        for half in self.rooted:
+            total = np.zeros((len(half), half.shape[2]))
+            for n in range(len(left) - 1, -1, -1):
+                total += half[:, n]
+                left[n] -= total.T @ total
+        return _Splits(np.diagonal(power, axis1=1, axis2=2), left, score)
 
     def by_nothing_else(self, later: Mask, test: float, count: int) -> bool:
         """Whether divisions by lot explain clearly less, and beside this one nothing but chance."""
@@ -159,23 +188,75 @@ class _Divided:
         return not chances or float(np.median(chances)) > USUAL
 
 
+@dataclass(frozen=True)
+class _Splits:
+    """Divisions of B blocks of pictures into those from one on, and those before: of a field's K unknowns for each.
+
+    Parameters
+    ----------
+    power : (B, K) diagonal of b^T b
+    left : (B, K, K) b^T Q b, what the network's unknowns leave over
+    score : (B, K) b^T r
+    """
+
+    power: Array
+    left: Array
+    score: Array
+
+    def some(self, kinds: Ints) -> _Splits:
+        """Of some of the unknowns alone."""
+        each = np.ix_(np.arange(len(self.power)), kinds, kinds)
+        return _Splits(self.power[:, kinds], self.left[each], self.score[:, kinds])
+
+    def explained(self, split: int) -> tuple[Array, float, int]:
+        """See `_Divided.explained`."""
+        return _explained(self.left[split], self.power[split], self.score[split])
+
+    def most(self, splits: list[int]) -> tuple[tuple[Array, float, int], int]:
+        """What the field explains (see `_Divided.explained`) at that of some splits where it is most, and which.
+
+        Of what is explained there is an upper bound, and so most need no eigenvectors.
+        """
+        bound = {k: most_explained(*_scaled(self.left[k], self.power[k], self.score[k])[:2]) for k in splits}
+        first, *others = sorted(splits, key=lambda k: -bound[k])
+        best, at = self.explained(first), first
+        for k in others:
+            if bound[k] >= best[1] and (found := self.explained(k))[1] > best[1]:
+                best, at = found, k
+        return best, at
+
+
+def _explained(left: Array, power: Array, score: Array) -> tuple[Array, float, int]:
+    """Unknowns (K,), what they explain, how many are told; from (K, K) b^T Q b, the diagonal of b^T b, and b^T r."""
+    *scaled, size = _scaled(left, power, score)
+    change, test, count = explained(*scaled)
+    return -change / size, test, count
+
+
+def _scaled(left: Array, power: Array, score: Array) -> tuple[Array, Array, Array]:
+    """The same in units of the sizes of b, and these."""
+    size = np.sqrt(np.maximum(power, np.finfo(float).tiny))
+    return left / np.outer(size, size), score / size, size
+
+
 def _by_place(solved: Solved) -> Array:
     """(O, 2, 3) derivatives of the whitened residuals by the marker's place, in natural units; 0 of held ones."""
     lay, points = solved.problem.layout, solved.problem.marks.points
-    dense, eliminated, _, _ = solved.problem.jacobian(solved.state)
+    dense, eliminated, columns, _ = solved.problem.jacobian(solved.state)
     out = eliminated.copy() if lay.points_eliminated else np.zeros((*dense.shape[:2], 3))
-    tied = lay.columns.point[points] >= 0
-    out[tied] = dense[tied][:, :, -3:]
+    first = lay.columns.point[points]
+    o, k = np.nonzero((columns == first[:, None]) & (first >= 0)[:, None])
+    out[o] = dense[o[:, None], :, k[:, None] + np.arange(3)].transpose(0, 2, 1)
     return out
 
 
-def _field(solved: Solved, points: Ints, degree: int) -> Array:
-    """(N, M) polynomials up to a degree at the markers, along the axes of their extent."""
+def _field(solved: Solved, points: Ints) -> Array:
+    """(N, M) polynomials at the markers, along the axes of their extent: the `FIRST` up to the first degree."""
     x = solved.state.points[points]
     x = (x - x.mean(axis=0)) @ np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[2].T
     x = x / np.maximum(x.std(axis=0), 1e-9 * x.std())
     a, b = np.triu_indices(3)
-    return np.column_stack([np.ones(len(x)), x] + ([x[:, a] * x[:, b]] if degree > 1 else []))
+    return np.column_stack([np.ones(len(x)), x, x[:, a] * x[:, b]])
 
 
 def _lots(count: int, later: int) -> list[Mask]:

@@ -237,8 +237,7 @@ def _pose_covs(job: Job, solved: Solved, covariance: DatumCovariance, views: Int
         return np.stack([_pose_cov(job, solved, covariance, v, int(frames[v])) for v in views.tolist()])
     units = solved.problem.units(solved.state)
     index = columns.frame[frames[views]][:, None] + np.arange(6)
-    steps = [_tangent(units.frame_pivot[f], units.frame_scale[f]) for f in frames[views]]
-    change = np.array(steps).reshape(-1, 6, 6)
+    change = _tangent(units.frame_pivot[frames[views]], units.frame_scale[frames[views]])
     cov = covariance.between(index, index, solved.covariance.dense[index[:, :, None], index[:, None, :]])
     return np.asarray(change @ cov @ change.transpose(0, 2, 1))
 
@@ -275,10 +274,12 @@ def _rig_cov(job: Job, solved: Solved, covariance: DatumCovariance, scale: float
     return out
 
 
-def _tangent(pivot: Array, scale: float) -> Array:
-    """Natural steps (a turn about the pivot, a shift in parts of the scale) as [rotation, translation]."""
-    out = np.eye(6)
-    out[3:, :3], out[3:, 3:] = hat(pivot), scale * np.eye(3)
+def _tangent(pivot: Array, scale: Array) -> Array:
+    """(..., 6, 6): natural steps (a turn about the pivot (..., 3), a shift in parts of the scale) as [rotation,
+    translation].
+    """
+    out = np.zeros((*pivot.shape[:-1], 6, 6))
+    out[..., :3, :3], out[..., 3:, :3], out[..., 3:, 3:] = np.eye(3), hat(pivot), scale[..., None, None] * np.eye(3)
     return out
 
 
@@ -292,4 +293,7 @@ def adjoint(pose: Pose) -> Array:
 
 def _pixels(solved: Solved, cov: Array) -> Array:
     """Residuals in pixels from the whitened ones."""
-    return np.asarray((np.linalg.cholesky(cov) @ solved.residual[..., None])[..., 0])
+    x, y = solved.residual.T
+    root = np.sqrt(cov[:, 0, 0])  # the factor (Cholesky) of a 2 x 2 matrix
+    along = cov[:, 1, 0] / root
+    return np.stack([root * x, along * x + np.sqrt(cov[:, 1, 1] - along**2) * y], axis=1)

@@ -19,6 +19,7 @@ from windmark.calibration.solve import Solved
 from windmark.geometry import PARAMETERS
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 CHECKED = 1e-4
 """Share of a hypothesis that the network's own unknowns leave over, below which it cannot be told from them."""
@@ -40,11 +41,18 @@ def contradicted(job: Job, solved: Solved) -> dict[str, tuple[float, float]]:
     return found
 
 
-def gathered(solved: Solved, b: Array, group: NDArray[np.int64], count: int) -> Array:
-    """(D + E b, count, K) J^T b, summed over the marks of each group; ``b`` (O, 2, K), zero for marks of none (-1)."""
+def gathered(
+    solved: Solved, b: Array, group: Ints, count: int, factor: Array | None = None, of: Ints | None = None
+) -> Array:
+    """(D + E b, count, K M) J^T b, summed over the marks of each group, of which those of none (-1) have no part.
+
+    ``b`` is b (O, 2, K) times each of the M factors (N, M) in the row ``of`` (O,), of one where none are given.
+    """
     lay, rows = solved.problem.layout, solved.problem.jacobian(solved.state)
-    out = np.zeros((lay.dense + lay.blocks * lay.size, count, b.shape[2]))
-    gather(*rows, b, group, out[: lay.dense], out[lay.dense :])
+    if factor is None or of is None:
+        factor, of = np.ones((1, 1)), np.zeros(len(b), dtype=np.int64)
+    out = np.zeros((lay.dense + lay.blocks * lay.size, count, b.shape[2] * factor.shape[1]))
+    gather(*rows, b, factor, of, group, out[: lay.dense], out[lay.dense :])
     return out
 
 

@@ -95,6 +95,8 @@ def _from_behind(
     table: MarkerSet, points: Array, observations: Observations, used: Mask, poses: list[Pose]
 ) -> tuple[int, int]:
     """Used marks on the back of their markers, and all used ones of markers that have a normal."""
+    if not np.isfinite(table.normal).all(axis=1).any():
+        return 0, 0
     stations = np.array([p.center for p in poses]).reshape(-1, 3)
     view, point = observations.view[used], observations.point[used]
     facing = np.einsum("oi,oi->o", table.normal[point], stations[view] - points[point])

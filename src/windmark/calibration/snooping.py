@@ -49,12 +49,12 @@ def externally(test: Array, used: NDArray[np.bool_], squares: float, redundancy:
     return np.where(used, inside, max(redundancy, 0) * np.log1p(share))
 
 
-def influence(problem: NetworkProblem, state: NetworkState, covariance: NetworkCovariance) -> Array:
-    """(O, 2, 2) J C J^T of every mark in units of its variance, in the problem's order."""
+def influence(problem: NetworkProblem, state: NetworkState, covariance: NetworkCovariance, cross: Array) -> Array:
+    """(O, 2, 2) J C J^T of every mark in units of its variance, in the problem's order.
+
+    ``cross`` is the covariance of the eliminated parameters with the dense ones, see `covariance_and_cross`.
+    """
     out = np.empty((len(problem.order), 2, 2))
-    # Before the derivatives are there: both are large, and the product needs room.
-    cross = covariance.half @ covariance.dense
-    np.negative(cross, out=cross)
     jd, je, columns, block = problem.jacobian(state)
     # The dense covariance comes column by column; it is symmetric.
     dense = np.ascontiguousarray(covariance.dense.T)

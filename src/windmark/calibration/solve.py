@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 from windmark.adjust import PaperOptions, SolveReport
 from windmark.adjust.levenberg_marquardt import SolveOptions, minimise
 from windmark.adjust.network import Network, NetworkProblem, NetworkState, graduated, minimise_network_by_steps
-from windmark.adjust.network.covariance import NetworkCovariance, network_covariance
+from windmark.adjust.network.covariance import NetworkCovariance, covariance_and_cross
 from windmark.adjust.network.equations import NetworkEquations
 from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.setup import LEAST_MARKS, Job, frames_of, make_network, taking_part, views_of
@@ -137,8 +137,7 @@ def _plain(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved
     taken, dropped = taking_part(job, allowed)
     if not taken.any():
         return None
-    network = make_network(job, taken, allowed.astype(float))
-    problem = NetworkProblem(network, start, shift[taken])
+    problem = NetworkProblem(make_network(job, taken), start, shift[taken])
     if problem.residual(start) is None:
         return None  # the robust stages say why
     state, system, report = minimise(problem, start, PLAIN)
@@ -146,9 +145,9 @@ def _plain(job: Job, start: NetworkState, allowed: Mask, shift: Array) -> Solved
     squares = 2 * report.final_cost
     if not report.converged or redundancy <= 0 or not PLAIN_FITS < chdtrc(redundancy, squares) < 1 - PLAIN_FITS:
         return None
-    covariance = network_covariance(system, problem.layout)
+    covariance, cross = covariance_and_cross(system, problem.layout)
     del system  # as large as the covariance, and the tests need room
-    solved = _with_tests(problem, state, covariance, report, taken, allowed, dropped)
+    solved = _with_tests(problem, state, covariance, cross, report, taken, allowed, dropped)
     return solved if (solved.test <= critical(len(solved.test))).all() else None
 
 
@@ -228,23 +227,23 @@ def _adjusted(
     network = make_network(job, every, good.astype(float))
     problem = NetworkProblem(network, state, shift[every])
     state, system, report = _minimum(job, problem, state)
-    covariance = network_covariance(system, problem.layout)
+    covariance, cross = covariance_and_cross(system, problem.layout)
     del system  # as in `_plain`
-    return _with_tests(problem, state, covariance, report, every, good, dropped)
+    return _with_tests(problem, state, covariance, cross, report, every, good, dropped)
 
 
 def _with_tests(
-    problem: NetworkProblem, state: NetworkState, covariance: NetworkCovariance, report: SolveReport, every: Mask,
-    good: Mask, dropped: dict[str, str],
+    problem: NetworkProblem, state: NetworkState, covariance: NetworkCovariance, cross: Array, report: SolveReport,
+    every: Mask, good: Mask, dropped: dict[str, str],
 ) -> Solved:  # fmt: skip
-    """The test of ``every`` mark at a minimum, of which the ``good`` ones were adjusted."""
+    """The test of ``every`` mark at a minimum, of which the ``good`` ones were adjusted; ``cross`` see `influence`."""
     used = good[every][problem.order]
     redundancy = _redundancy(problem, int(used.sum()), covariance.motions.shape[1])
     residual = problem.residual(state)
     assert residual is not None
     squares = 2 * report.final_cost
     sigma0 = float(np.sqrt(squares / redundancy)) if redundancy > 0 else float("nan")
-    test = statistic(residual, influence(problem, state, covariance), used)
+    test = statistic(residual, influence(problem, state, covariance, cross), used)
     test = externally(test, used, squares, redundancy)
     back = np.argsort(problem.order)
     return Solved(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 from windmark.adjust.network.datum import in_datum
 from windmark.calibration.agreement import FALSE
@@ -23,6 +23,8 @@ Ints = NDArray[np.int64]
 ANEW, NOTICED, MATTERS = 0.003, 0.8, 3.0
 """A relative change of the focal length, as a consumer's camera makes it where it focuses anew; the probability with
 which the test of a view finds it, or else it goes unnoticed; sigmas by which it must move the camera's to be said."""
+LITTLE = 1e-2 * CHECKED
+"""Beside what an unknown has to have left to be told, far above rounding."""
 UNLIKELY = FALSE / 3
 """Probability of a change of one view where there is none, of any kind."""
 
@@ -64,7 +66,8 @@ class Asked:
     ----------
     own : views that ask for one of their own, the surest first
     together : root mean square change of all, where they together ask for it though perhaps none alone does; else 0
-    lead : by how much the sum of squares would fall with all of them, less what as many idle unknowns are worth (BIC)
+    lead : by how much the sum of squares would fall with all of them, less what as many idle unknowns are worth (BIC);
+        0 where none is asked for
     worst : the most that a change would do unnoticed, where it matters: in one view, of the principal point in all
     """
 
@@ -74,6 +77,7 @@ class Asked:
     worst: Unnoticed | None = None
 
 
+FOCAL_PX = PARAMETERS.index("focal_px")
 FOCAL, PRINCIPAL_POINT, SHEAR = slice(0, 1), slice(1, 3), slice(3, 5)
 """Where they are among the changes of a view."""
 
@@ -90,7 +94,8 @@ class Equations:
     views : (V,) their numbers
     free : (V, 5) which of the changes are unknowns of the network already
     power, score : (V, 5, 5), (V, 5) b^T b and b^T r, with b by what a change moves the view's marks
-    cross, through : (D + E b, V, 5) J^T b, and of C times that (D, V, 5): how the network's dense unknowns go along
+    cross : (D + E b, V, 5) J^T b
+    focal : (C, V, 5) how the focal length of each of the C cameras goes along, in natural units, where it is free
     every : (V, 5, V, 5) b^T Q b: what these leave over of all changes together
     """
 
@@ -99,7 +104,7 @@ class Equations:
     power: Array
     score: Array
     cross: Array
-    through: Array
+    focal: Array
     every: Array
 
 
@@ -121,15 +126,17 @@ def equations_of(solved: Solved) -> Equations:
     n, at = np.arange(len(views)), np.full(len(marks.starts) - 1, -1)
     at[views] = n
     cross = gathered(solved, b, at[marks.views], len(views))
-    through, inner = solved.covariance.quadratic(cross.reshape(len(cross), -1))
+    column = np.maximum(problem.layout.columns.camera[:, FOCAL_PX], 0)
+    focal, inner = solved.covariance.quadratic(cross.reshape(len(cross), -1), column)
     every = -inner.reshape(len(views), kinds, len(views), kinds)
     first = marks.starts[views]
-    power = np.add.reduceat(np.einsum("oik,oil->okl", b, b), first)
-    score = np.add.reduceat(np.einsum("oik,oi->ok", b, r), first)
+    rows = [part.reshape(-1, kinds) for part in np.split(b, first[1:])]
+    power = np.array([part.T @ part for part in rows])
+    score = np.array([part.T @ of.ravel() for part, of in zip(rows, np.split(r, first[1:]), strict=True)])
     every[n, :, n] += power
     free = np.zeros((len(views), kinds), dtype=bool)
     free[:, :3] = problem.layout.columns.change[views] >= 0
-    return Equations(views, free, power, score, cross, through.reshape(-1, *cross.shape[1:]), every)
+    return Equations(views, free, power, score, cross, focal.reshape(-1, *cross.shape[1:]), every)
 
 
 def asked(
@@ -146,18 +153,40 @@ def asked(
     size = np.sqrt(np.diagonal(equations.power, axis1=1, axis2=2)[np.ix_(of, what)])
     own = _own([job.views[v].name for v in views], solved, blocks[n, :, n], size, score)
     size, every = size.ravel(), blocks.reshape(len(views) * kinds, -1)
-    change, test, count = explained(every / np.outer(size, size), score.ravel() / size)
-    rms = 0.0
-    if chance_beside(test, count, solved) < FALSE:
-        rms = float(np.sqrt(kinds * ((change / size) ** 2).mean()))
-    lead = test / solved.scale - count * np.log(2 * solved.used.sum())
-    worst = None
+    power, pull = every / np.outer(size, size), score.ravel() / size
+    rms, lead, worst, count = 0.0, 0.0, None, told(power)
+    if own or chance_beside(most_explained(power, pull), count, solved) < FALSE:
+        change, test, count = explained(power, pull)
+        if chance_beside(test, count, solved) < FALSE:
+            rms = float(np.sqrt(kinds * ((change / size) ** 2).mean()))
+        lead = test / solved.scale - count * np.log(2 * solved.used.sum())
     if worst_of is worst_focal:
-        worst = worst_focal(solved, views, blocks[n, 0, n, 0], equations.through[:, of, 0])
+        worst = worst_focal(solved, views, blocks[n, 0, n, 0], equations.focal[:, of, 0])
     elif worst_of is worst_shifts:
         cross = equations.cross[:, of][:, :, what].reshape(len(equations.cross), -1)
         worst = worst_shifts(solved, every, count, cross)
     return Asked(own, rms, float(lead), worst)
+
+
+def told(power: Array) -> int:
+    """How many of unknowns can be told, see `explained`: by the signs of a factor (Sylvester's law of inertia)."""
+    factor, pivot, _ = lapack.dsytrf(power - CHECKED * np.eye(len(power)), lower=1)
+    alone = pivot > 0  # of two that are one pivot the one is positive and the other negative
+    return int((np.diagonal(factor)[alone] > 0).sum() + (~alone).sum() // 2)
+
+
+def most_explained(power: Array, score: Array) -> float:
+    """What (n, n) and (n,) explain, see `explained`, is no more than that; inf where rounding leaves no bound.
+
+    A direction of the eigenvalue v explains s^2 / v. With e = `LITTLE` more on the diagonal, v^2 / (v + e)^3 is no less
+    where v is told but for (1 + e / CHECKED)^3, never negative, and little where v is far below e. A factor of the
+    matrix is enough, no eigenvectors are needed.
+    """
+    factor, failed = lapack.dpotrf(power + LITTLE * np.eye(len(power)), lower=1)
+    if failed:
+        return float("inf")
+    along = power @ lapack.dpotrs(factor, score, lower=1)[0]
+    return float((1 + LITTLE / CHECKED) ** 3 * (along @ lapack.dpotrs(factor, along, lower=1)[0]))
 
 
 def explained(power: Array, score: Array) -> tuple[Array, float, int]:
@@ -195,22 +224,22 @@ def _own(names: list[str], solved: Solved, blocks: Array, size: Array, score: Ar
 def worst_focal(solved: Solved, views: Ints, left: Array, moved: Array) -> Unnoticed | None:
     """What the view does that may be focused anew unnoticed and moves its camera's focal length most, if it matters.
 
-    ``left`` (V,) and ``moved`` (D, V) of the ``views``: what the network's unknowns leave over of a change of
-    each one's focal length, and how they move with it (external reliability).
+    ``left`` (V,) and ``moved`` (C, V) of the ``views``: what the network's unknowns leave over of a change of
+    each one's focal length, and how those of the cameras move with it (external reliability).
     """
-    smallest = (norm.isf(UNLIKELY / (2 * len(views))) + norm.isf(1 - NOTICED)) * np.sqrt(
+    smallest = -(ndtri(UNLIKELY / (2 * len(views))) + ndtri(1 - NOTICED)) * np.sqrt(
         solved.scale / np.maximum(left, np.finfo(float).tiny)
     )
     problem = solved.problem
     camera = problem.network.view_camera[views]
-    column = problem.layout.columns.camera[camera, PARAMETERS.index("focal_px")]
+    column = problem.layout.columns.camera[camera, FOCAL_PX]
     sigma = np.sqrt(solved.scale * np.diagonal(solved.covariance.dense)[np.maximum(column, 0)])
-    change = ANEW * np.abs(moved[np.maximum(column, 0), np.arange(len(views))])
+    change = ANEW * np.abs(moved[camera, np.arange(len(views))])
     ratio = np.where((column >= 0) & (smallest > ANEW) & (sigma > 0), change / np.where(sigma > 0, sigma, 1.0), 0.0)
     n = int(np.argmax(ratio))
     if not ratio[n] > MATTERS:
         return None
-    unit = float(problem.units(solved.state).camera[camera[n], PARAMETERS.index("focal_px")])
+    unit = float(problem.units(solved.state).camera[camera[n], FOCAL_PX])
     return Unnoticed(float(change[n]) * unit, float(ratio[n]))
 
 
@@ -224,13 +253,13 @@ def worst_shifts(solved: Solved, every: Array, count: int, cross: Array) -> Unno
     size, lay = ANEW * max(c.focal_px for c in solved.state.cameras), solved.problem.layout
     beyond = size**2 * float(np.trace(every)) / solved.scale
     middle, spread = count + beyond, np.sqrt(2 * (count + 2 * beyond))
-    noticed = middle + norm.isf(NOTICED) * spread > chi2.isf(FALSE, count)
+    noticed = middle - ndtri(NOTICED) * spread > chdtri(count, FALSE)
     if noticed or not (lay.points_eliminated and lay.blocks):
         return None
     datum, block = in_datum(solved.covariance), lay.columns.point_block
     sigma = np.sqrt(solved.scale * np.diagonal(datum.points(), axis1=1, axis2=2))[block >= 0]
     moved = datum.through(cross)[lay.dense :].reshape(lay.blocks, 3, -1)[block[block >= 0]]
-    change = norm.isf(0.025) * size * lay.unit * np.sqrt((moved**2).sum(axis=2))
+    change = -ndtri(0.025) * size * lay.unit * np.sqrt((moved**2).sum(axis=2))
     ratio = change / np.where(sigma > 0, sigma, np.inf)
     at = np.unravel_index(int(ratio.argmax()), ratio.shape)
     return Unnoticed(float(change[at]), float(ratio[at])) if ratio[at] > MATTERS else None

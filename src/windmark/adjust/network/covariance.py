@@ -1,13 +1,15 @@
 """Covariances of an adjusted network, marginal over everything else, in any datum.
 
-With the factors of the Schur complement, Cov_dd = S^-1 and Cov_ee = L^-T (1 + Y Y^T) L^-1 with Y = W L_S^-T: all points
-for one triangular solve. The free motions are held by the dense parameters there; another datum is another choice of
-what does not move, and covariances go over by an S-transformation (Baarda 1973; Teunissen 1985).
+With the Schur complement S, Cov_dd = S^-1, Cov_ed = -H_ee^-1 H_ed S^-1, and of each eliminated block Cov_ee is H_ee^-1
+and what that adds: all points for one product of matrices. The free motions are held by the dense parameters there;
+another datum is another choice of what does not move, and covariances go over by an S-transformation (Baarda 1973;
+Teunissen 1985).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,19 +93,47 @@ class NetworkCovariance:
 
     def product(self, vectors: Array) -> Array:
         """Covariance times (D + E b, k)."""
-        upper = self._upper(vectors)[1]
+        upper = self.dense @ self._left(vectors)
         return np.concatenate([upper, self._by_own(vectors) - self.half @ upper])
 
-    def quadratic(self, vectors: Array) -> tuple[Array, Array]:
-        """(D, k) the first rows of `product`, and (k, k) vectors^T times all of it, which need not be made."""
-        left, upper = self._upper(vectors)
-        return upper, left.T @ upper + vectors[len(self.dense) :].T @ self._by_own(vectors)
+    def quadratic(self, vectors: Array, rows: Ints) -> tuple[Array, Array]:
+        """Some of the first ``rows`` (m,) of `product`, (m, k), and (k, k) vectors^T times all of it."""
+        left = self._left(vectors)
+        some, out = self.dense[rows] @ left, np.zeros((left.shape[1],) * 2, order="F")
+        # One half after the other: of a large network each takes 100 MB.
+        for half in (partial(self._root_of_own, vectors), partial(self._root_of_dense, left)):
+            out = _with_squares(out, half())
+        return some, _mirrored(out)
 
-    def _upper(self, vectors: Array) -> tuple[Array, Array]:
-        """(D, k) what the eliminated parameters leave over of vectors, and the first rows of `product`."""
+    def rooted(self, vectors: Array) -> tuple[Array, Array]:
+        """Of a root of the covariance times (D + E b, k) the (D, k) and the (E b, k): products of their columns with
+        each other are vectors^T times `product`, of any of these.
+        """
+        return self._root_of_dense(self._left(vectors)), self._root_of_own(vectors)
+
+    def _root_of_own(self, vectors: Array) -> Array:
+        """(E b, k): the root of the eliminated parameters' own part."""
+        low = vectors[len(self.dense) :]
+        if not low.size:
+            return low
+        root = np.linalg.cholesky(self.own).transpose(0, 2, 1)
+        return np.asarray((root @ low.reshape(*self.own.shape[:2], -1)).reshape(low.shape))
+
+    def _root_of_dense(self, left: Array) -> Array:
+        """(D, k): the root of the dense part times `_left` of the vectors, which is overwritten."""
+        if not left.size:
+            return left
+        factor, failed = lapack.dpotrf(self.dense, lower=1, clean=0)
+        if not failed:  # a triangle: half of the products
+            return np.asarray(blas.dtrmm(1.0, factor, left.T, side=1, lower=1, overwrite_b=1).T)
+        value, axes = np.linalg.eigh(self.dense)  # where rounding has left nothing of some direction
+        return np.asarray(np.sqrt(np.maximum(value, 0.0))[:, None] * (axes.T @ left))
+
+    def _left(self, vectors: Array) -> Array:
+        """(D, k) what the eliminated parameters leave over of vectors."""
         d = len(self.dense)
-        left = vectors[:d] - self.half.T @ vectors[d:]
-        return left, self.dense @ left
+        out = self.half.T @ vectors[d:]
+        return np.subtract(vectors[:d], out, out=out)
 
     def _by_own(self, vectors: Array) -> Array:
         """(E b, k) the eliminated parameters' own part of `product`."""
@@ -112,7 +142,14 @@ class NetworkCovariance:
 
 
 def network_covariance(system: NetworkEquations, layout: Layout) -> NetworkCovariance:
-    """Covariance at the minimum.
+    """Covariance at the minimum; raises as `covariance_and_cross` does."""
+    return covariance_and_cross(system, layout)[0]
+
+
+def covariance_and_cross(system: NetworkEquations, layout: Layout) -> tuple[NetworkCovariance, Array]:
+    """Covariance at the minimum, and (E b, D) that of the eliminated parameters with the dense ones.
+
+    Which is as large as anything there is: not kept for those who need it no more.
 
     Raises
     ------
@@ -127,16 +164,19 @@ def network_covariance(system: NetworkEquations, layout: Layout) -> NetworkCovar
         e, b = lower.shape[:2]
         inverse = np.linalg.inv(np.tril(lower))
         half = (inverse.transpose(0, 2, 1) @ w.reshape(e, b, -1)).reshape(e * b, -1)
-        # The factor is column-major and lower: Y^T = L_S^-1 W^T, in the place of W.
-        y = blas.dtrsm(1.0, s, w.T, side=0, lower=1, overwrite_b=1) if w.size else w.T
-        dense = lapack.dpotri(s, lower=1, overwrite_c=1)[0] if s.size else s
-    dense = _mirrored(dense)
-    rows = np.ascontiguousarray(y.T).reshape(e, b, -1)
-    inner = np.eye(b) + rows @ rows.transpose(0, 2, 1)
-    blocks = inverse.transpose(0, 2, 1) @ inner @ inverse
-    motions = np.concatenate([system.gauge.dense, system.gauge.blocks])
+        del factored, w
+        dense = np.asarray(_mirrored(lapack.dpotri(s, lower=1, overwrite_c=1)[0] if s.size else s))
+        cross = half @ dense
+    np.negative(cross, out=cross)
     own = inverse.transpose(0, 2, 1) @ inverse
-    return NetworkCovariance(np.asarray(dense), blocks, own, half, motions, layout)
+    blocks = own - half.reshape(e, b, -1) @ cross.reshape(e, b, -1).transpose(0, 2, 1)
+    motions = np.concatenate([system.gauge.dense, system.gauge.blocks])
+    return NetworkCovariance(dense, blocks, own, half, motions, layout), cross
+
+
+def _with_squares(out: Array, rows: Array) -> Array:
+    """The lower triangle of ``out`` (k, k) and the products of the columns of (n, k); half of the sums do for it."""
+    return np.asarray(blas.dsyrk(1.0, rows.T, beta=1.0, c=out, lower=1, overwrite_c=1)) if rows.size else out
 
 
 def _mirrored(lower: Array) -> Array:

@@ -41,6 +41,15 @@ class Layout:
         """Whether the eliminated blocks are points (or frames)."""
         return self.size == 3
 
+    def most_columns(self, camera: Ints, frame: Ints, offset: Ints) -> int:
+        """Dense parameters that a mark has at most, by the camera, frame and rig member (-1: none) of each view."""
+        columns = self.columns
+        count = (columns.camera >= 0).sum(axis=1)[camera] + 6 * (columns.frame >= 0)[frame]
+        count = count + (columns.change >= 0).sum(axis=1)
+        if len(columns.offset):
+            count = count + 6 * ((columns.offset >= 0)[offset] & (offset >= 0))
+        return int(count.max(initial=0)) + 3 * bool((columns.point >= 0).any())
+
 
 _EVERY = CameraBlock(PARAMETERS)
 

@@ -28,7 +28,19 @@ def residuals(marks: Marks, scene: Scene, out: Array) -> bool:
 def jacobian_rows(
     marks: Marks, scene: Scene, units: Units, columns: Columns, jd: Array, je: Array, cols: Ints, block: Ints
 ) -> None:
-    """See `_kernels.jacobian_rows`; here every possible column has its fixed place, unused ones are zero and -1."""
+    """See `_kernels.jacobian_rows`."""
+    width = jd.shape[2]
+    jd, cols, jd_out, cols_out = np.zeros((len(jd), 2, ROOM)), np.full((len(jd), ROOM), -1), jd, cols
+    _rows_in_place(marks, scene, units, columns, jd, je, cols, block)
+    used = np.argsort(cols < 0, axis=1, kind="stable")[:, :width]
+    cols_out[:] = np.take_along_axis(cols, used, axis=1)
+    jd_out[:] = np.take_along_axis(jd, used[:, None], axis=2)
+
+
+def _rows_in_place(
+    marks: Marks, scene: Scene, units: Units, columns: Columns, jd: Array, je: Array, cols: Ints, block: Ints
+) -> None:
+    """The same with a place of its own for every possible column, in `ROOM`; unused ones are zero and -1."""
     i, p = marks.views, marks.points
     c, f, a = scene.view_camera[i], scene.view_frame[i], scene.view_offset[i]
     _, _, d_xyz, d_cam, xb, xc = _projected(marks, scene)
@@ -77,7 +89,7 @@ def accumulate(
     o, size = len(marks.views), h_ee.shape[1]
     jd, je = np.zeros((o, 2, ROOM)), np.zeros((o, 2, size))
     cols, block = np.zeros((o, ROOM), np.int64), np.zeros(o, np.int64)
-    jacobian_rows(marks, scene, units, columns, jd, je, cols, block)
+    _rows_in_place(marks, scene, units, columns, jd, je, cols, block)
     root = np.sqrt(weight) if use_weight else np.ones(o)
     jd, je, r = jd * root[:, None, None], je * root[:, None, None], residual * root[:, None]
     # One row of scratch more: what has no column or block lands there.
@@ -122,9 +134,11 @@ def influences(
 
 
 def gather(
-    jd: Array, je: Array, cols: Ints, block: Ints, b: Array, group: Ints, dense: Array, eliminated: Array
-) -> None:
+    jd: Array, je: Array, cols: Ints, block: Ints, b: Array, factor: Array, of: Ints, group: Ints, dense: Array,
+    eliminated: Array,
+) -> None:  # fmt: skip
     """See `_influence_kernels.gather`."""
+    b = (b[..., None] * factor[of][:, None, None]).reshape(len(b), 2, -1)
     size = je.shape[2]
     row = np.where(block[:, None] >= 0, block[:, None] * size + np.arange(size), -1)
     for j, to, out in ((jd, cols, dense), (je, row, eliminated)):

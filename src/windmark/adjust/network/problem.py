@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from windmark.adjust.loss import Loss
 from windmark.adjust.network import linear
-from windmark.adjust.network._arrays import CHANGE, ROOM, Equations, Marks, Scene, Units
+from windmark.adjust.network._arrays import CHANGE, Equations, Marks, Scene, Units
 from windmark.adjust.network.equations import NetworkEquations
 from windmark.adjust.network.gauge import free_motions, stabiliser
 from windmark.adjust.network.layout import Layout, make_layout, natural_units
@@ -28,7 +28,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Rows = tuple[Array, Array, Ints, Ints]
 
-KEPT = 30_000
+NO_POSES = Pose(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+KEPT = 60_000
 """Marks up to which the derivatives at a minimum are kept for the next who asks (25 MB)."""
 
 
@@ -91,7 +92,7 @@ class NetworkProblem:
         camera = np.stack([c.packed() for c in state.cameras])
         tilt = np.stack([_tilt(c.tilt_x, c.tilt_y) for c in state.cameras])
         change = np.zeros((len(self._view_camera), CHANGE)) if state.change is None else state.change
-        frames, offsets = state.frames, state.offsets or Pose(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        frames, offsets = state.frames, state.offsets or NO_POSES
         plain = np.ascontiguousarray
         return Scene(
             camera, tilt, self._view_camera, self._view_frame, self._view_offset, change + np.eye(1, CHANGE),
@@ -115,15 +116,17 @@ class NetworkProblem:
 
         Returns
         -------
-        dense : (O, 2, ROOM) by the dense parameters, whose columns are ``columns`` (O, ROOM); -1 where there is none
+        dense : (O, 2, K) by the dense parameters, whose columns are ``columns`` (O, K); -1 where there is none. K are
+            the most that a mark has (`Layout.most_columns`), those of its point behind the others
         eliminated : (O, 2, b) by the eliminated block ``block`` (O,), -1 for none
         columns, block : as said; the four come as (dense, eliminated, columns, block), not to be written into
         """
         if self._rows is not None and self._rows[0] is state:
             return self._rows[1]
         o, lay = len(self.order), self.layout
-        dense, eliminated = np.empty((o, 2, ROOM)), np.empty((o, 2, lay.size))
-        columns, block = np.empty((o, ROOM), np.int64), np.empty(o, np.int64)
+        width = lay.most_columns(self._view_camera, self._view_frame, self._view_offset)
+        dense, eliminated = np.empty((o, 2, width)), np.empty((o, 2, lay.size))
+        columns, block = np.empty((o, width), np.int64), np.empty(o, np.int64)
         linear.jacobian_rows(
             self.marks, self.scene(state), self.units(state), lay.columns, dense, eliminated, columns, block
         )  # fmt: skip
@@ -248,7 +251,7 @@ def _turned(pose: Pose, step: Array, pivot: Array, scale: Array) -> Pose:
     """Poses after natural steps (n, 6): a turn about the pivot and a shift in parts of the scale."""
     turn = exp_so3(step[:, :3])
     arm = (turn @ (pose.translation - pivot)[..., None])[..., 0]
-    return Pose(turn @ pose.rotation, pivot + arm + scale[:, None] * step[:, 3:])
+    return Pose.trusted(turn @ pose.rotation, pivot + arm + scale[:, None] * step[:, 3:])
 
 
 def camera_columns(layout: Layout) -> list[tuple[int, str, int]]:

@@ -130,11 +130,14 @@ def marks_of(structure: Structure, kept: Ints, result: Calibration) -> tuple[Int
 
     ``kept`` are the points that are the result's markers.
     """
-    key = {(int(v), int(p)): int(s) for v, p, s in zip(structure.view, structure.point, structure.spot, strict=True)}
     number = np.array([int(v.name) for v in result.views], dtype=np.int64)
     view, point = number[result.observations.view], kept[result.observations.point]
-    spot = np.array([key[int(v), int(p)] for v, p in zip(view, point, strict=True)], dtype=np.int64)
-    return view, point, spot
+    # A point has one spot in a view: by both in one number.
+    given, asked = (v * len(structure.xyz) + p for v, p in ((structure.view, structure.point), (view, point)))
+    order = np.argsort(given)
+    at = order[np.searchsorted(given[order], asked)]
+    assert (given[at] == asked).all()
+    return view, point, structure.spot[at]
 
 
 def linked(task: Task, structure: Structure) -> Structure:
