@@ -72,10 +72,10 @@ class Series:
         still = odd or wind_off
         instant = instant_of(equations, self.views, moving, still)
         evidence = self.evidence if self.evidence is not None else Evidence.none(self.views, solved.task.placed)
-        evidence, count = evidence.plus(instant, cov), self.with_wind + (not still)
+        evidence, count = evidence.plus(instant, cov, wind_off), self.with_wind + (not still)
         late, left = lateness(evidence, cov), None
         if late is None:  # what a late camera leaves over looks like much else
-            left = self.lasting if still else lasting(evidence, instant, equations, count)
+            left = self.lasting if still else lasting(evidence, instant, equations, count, self.lasting)
         return Series(
             self.views, self.wind_off, evidence, count, instant.place, frame.instant, instant, late, left,
         )  # fmt: skip
@@ -102,30 +102,41 @@ class Series:
         if self.last is not None:
             off = _by_name(self.late.shifts(self.last), self.last.names, state.names)
             cov = cov + off @ off.T
-        return replace(state, cov=cov, doubts=doubts, suspect=names)
+        return replace(state, cov=cov, set_up=state.cov_of_set_up, doubts=doubts, suspect=names)
 
     def _with_what_is_left(self, state: Deformation) -> Deformation:
-        """The state with what the laws lack in all frames, where it has not found that by itself."""
+        """The state with what the laws lack in all frames; what it has found by itself gives way, if it is that."""
         left, last = self.lasting, self.last
         if left is None or last is None or self.evidence is None:
             return state
-        if not last.follow[:, self.evidence.lacking].any():  # one without wind
+        lacking, fields = self.evidence.lacking, fields_of(state.placed)
+        if fields is None or not last.follow[:, lacking].any():  # one without wind
             return state
-        own = state.misfit
-        more = np.ones(len(left.which), bool) if own is None else ~np.isin(left.which, own.chosen)
+        set_up = state.cov_of_set_up
+        if state.misfit is not None and left.explains(state.misfit, last, lacking):
+            state = _without_misfit(state, left.doubts)
+        own, which, (value, second) = state.misfit, left.which, left.at(last.load)
+        more = np.ones(len(which), bool) if own is None else ~np.isin(which, own.chosen)
         said = {n for d in state.doubts if d.cause == "bent" for n in d.names}
         doubts = (*state.doubts, *(d for d in left.doubts if not set(d.names) <= said))
-        follow = _by_name(last.follow[:, self.evidence.lacking[left.which[more]]], last.names, state.names)
-        fields = fields_of(state.placed)
-        if fields is None or not more.any():
+        if not more.any():
             return replace(state, doubts=doubts)
-        second = left.second[np.ix_(more, more)]
-        misfit = Misfit(fields.shapes, left.which[more], left.value[more], second, follow)
+        follow = _by_name(last.follow[:, lacking[which[more]]], last.names, state.names)
+        second = second[np.ix_(more, more)]
+        misfit = Misfit(fields.shapes, which[more], value[more], second, follow)
         names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
         return replace(
             state, cov=state.cov + follow @ second @ follow.T, doubts=doubts, suspect=names,
-            misfit=misfit if own is None else _both(own, misfit),
+            misfit=misfit if own is None else _both(own, misfit), set_up=set_up,
         )  # fmt: skip
+
+
+def _without_misfit(state: Deformation, better: tuple[Doubt, ...]) -> Deformation:
+    """The state without what it has found by itself that the laws lack, of which there are ``better`` doubts."""
+    own = state.misfit
+    assert own is not None
+    doubts = tuple(d for d in state.doubts if d.cause != better[0].cause)
+    return replace(state, cov=state.cov - own.follow @ own.second @ own.follow.T, misfit=None, doubts=doubts)
 
 
 def _both(a: Misfit, b: Misfit) -> Misfit:
