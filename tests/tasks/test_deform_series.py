@@ -110,6 +110,24 @@ def test_where_it_moves_faster_it_is_late_and_not_said_to_have_moved():
     assert {d.cause for state in found[4:] for d in state.doubts} <= {"late", "noise"}
 
 
+def test_a_camera_is_late_for_as_long_as_it_is():
+    """Markers whose places are not known better than the spots are wrong alike in all frames: they count less there."""
+    test = made(marker_cov=np.tile(0.01**2 * np.eye(3), (len(MARKERS), 1, 1)))
+    states = [places(shift=(0, 0, 0.3 * k), turn=0.03 * k) for k in range(30)]
+    series, _ = followed(states, test, 4, late=1)
+    assert [d.cause for d in series.doubts] == ["late"]
+
+
+@pytest.mark.parametrize("period", [2, 6])
+def test_how_late_a_camera_is_is_no_better_known_than_the_motion_between_two_frames(period):
+    states = [places(0.4 * s, (0.1 * s, 0, 0.2 * s), 0.01 * s) for s in np.cos(2 * np.pi / period * np.arange(10))]
+    series, _ = followed(states, made(), 1, late=1)
+    late = series.late
+    assert late is not None
+    assert abs(late.value - 1.0) < 2 * late.sigma
+    assert late.sigma > 0.1
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_cameras_in_step_are_not_late(seed):
     series, found = followed(plunge(0.2), made(), seed)

@@ -35,6 +35,8 @@ class Series:
     evidence : what they say together; None before the first one
     with_wind : how many of them are others than these
     place, instant : where the markers were in the tunnel at the last of them, (N, 3), and when that was
+    moving : (N, 3) how far they moved per unit of time before it; None where that is not known
+    moved2, changed2 : sum of squares of that, and of its changes, over the frames that have both
     last : what the last one says; None where nothing was added
     late : the camera that all of them show at another time than the others
     lasting : what the laws lack in all of them alike
@@ -46,6 +48,9 @@ class Series:
     with_wind: int = 0
     place: Array | None = None
     instant: float = 0.0
+    moving: Array | None = None
+    moved2: float = 0.0
+    changed2: float = 0.0
     last: Instant | None = None
     late: Late | None = None
     lasting: Lasting | None = None
@@ -73,11 +78,16 @@ class Series:
         instant = instant_of(equations, self.views, moving, still)
         evidence = self.evidence if self.evidence is not None else Evidence.none(self.views, solved.task.placed)
         evidence, count = evidence.plus(instant, cov, wind_off), self.with_wind + (not still)
-        late, left = lateness(evidence, cov), None
+        moved2, changed2 = self.moved2, self.changed2
+        if moving is not None and self.moving is not None:
+            moved2 += float((moving**2).sum() + (self.moving**2).sum()) / 2
+            changed2 += float(((moving - self.moving) ** 2).sum())
+        late, left = lateness(evidence, cov, float(np.sqrt(changed2 / moved2)) if moved2 > 0 else 0.0), None
         if late is None:  # what a late camera leaves over looks like much else
             left = self.lasting if still else lasting(evidence, instant, equations, count, self.lasting)
         return Series(
-            self.views, self.wind_off, evidence, count, instant.place, frame.instant, instant, late, left,
+            self.views, self.wind_off, evidence, count, instant.place, frame.instant, moving, moved2, changed2, instant,
+            late, left,
         )  # fmt: skip
 
     def without(self) -> Series:
