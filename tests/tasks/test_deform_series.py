@@ -59,17 +59,20 @@ def places(size=0.0, shift=(0, 0, 0), turn=0.0, bent=None):
     return np.where(WALL[:, None], MARKERS.xyz, moved)
 
 
-def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=0):
+def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=0, walls=True, true=None):
     """Frames of states (places), the second camera ``late`` frames behind; the series and the states of the frames."""
     rng, before, out = np.random.default_rng(seed), None, []
     series = Series.of(test) if series is None else series
     poses = {s.name: s.cam_from_tunnel for s in test.stations}
     for k in range(len(states)):
-        xy = [CAMERA.project(pose.apply(states[max(k - c * late, 0)]))[0] for c, pose in enumerate(poses.values())]
+        stand = [s.cam_from_tunnel for s in (test if true is None else true).stations]
+        xy = [CAMERA.project(pose.apply(states[max(k - c * late, 0)]))[0] for c, pose in enumerate(stand)]
         xy = np.concatenate(xy) + NOISE * rng.standard_normal((2 * len(MARKERS), 2))
         row = np.arange(len(MARKERS))
         cov = np.tile(NOISE**2 * np.eye(2), (len(xy), 1, 1))
-        spots = Observations(np.repeat([0, 1], len(row)), np.tile(row, 2), xy, cov)
+        view, point = np.repeat([0, 1], len(row)), np.tile(row, 2)
+        seen = walls | ~WALL[point]
+        spots = Observations(view[seen], point[seen], xy[seen], cov[seen])
         kept = []
         answer = state_of(spots, poses, test, before, test.marker_cov, keep=kept.append)
         assert isinstance(answer, Deformation), answer.reason
@@ -152,6 +155,34 @@ def test_a_camera_that_was_pushed_once_is_not_late():
         series, _ = followed(states[:5], test, k)
         series, _ = followed(states[5:6], replace(test, stations=(first, pushed)), k, series=series, key=5)
         assert not any(d.cause == "late" for d in series.doubts)
+
+
+def nudged(test, turn):
+    """The same test where the second camera is turned a little."""
+    first, second = test.stations
+    off = Pose.exp(np.array([turn, 0.3 * turn, 0, 0, 0, 0])) @ second.cam_from_tunnel
+    return replace(test, stations=(first, replace(second, cam_from_tunnel=off)))
+
+
+def test_a_camera_pushed_after_wind_off_is_named_by_all_frames_together_and_no_frame_says_another_reason():
+    test, states = made(wind_off=("0", "1")), [places()] * 2 + [places(0.3 * k, (0, 0, 0.3 * k)) for k in range(1, 8)]
+    series, _ = followed(states[:2], test, 6)
+    series, found = followed(states[2:], test, 7, series=series, key=2, true=nudged(test, 4e-5))
+    (doubt,) = series.doubts
+    assert (doubt.cause, doubt.names) == ("moved", ("cam2",))
+    assert "by all frames together" in str(doubt)
+    assert {d.cause for state in found[3:] for d in state.doubts} == {"moved"}
+    off = sigmas_off(found[-1], states[-1])[~WALL]
+    assert np.abs(off).max() < 4
+
+
+@pytest.mark.parametrize("walls", [True, False])
+@pytest.mark.parametrize("seed", range(2))
+def test_cameras_that_stand_where_they_should_are_not_said_to_have_been_pushed(walls, seed):
+    states = [places()] * 2 + [places(0.3 * k, (0, 0, 0.3 * k)) for k in range(1, 8)]
+    series, found = followed(states, made(wind_off=("0", "1")), seed, walls=walls)
+    assert not series.doubts
+    assert not any(state.doubts for state in found)
 
 
 def test_spots_between_two_pictures_tell_no_lateness():

@@ -12,8 +12,9 @@ from windmark.deformation.equations import Equations
 from windmark.deformation.evidence import Evidence, Instant, instant_of
 from windmark.deformation.lasting import Lasting, lasting
 from windmark.deformation.late import Late, lateness
-from windmark.deformation.misfit import Misfit
+from windmark.deformation.misfit import Misfit, length_unit
 from windmark.deformation.patterns import fields_of
+from windmark.deformation.pushed import Pushed, pushed
 from windmark.deformation.solve import Solved
 from windmark.scene import Doubt
 from windmark.tasks.deform.task import DeformationTest, FrameImages
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 
 OF_ONE_INSTANT = ("moved", "picture")
 """Causes of doubts that a frame by itself gives to what a late camera shows."""
+OF_ONE_POSE = ("moved", "picture", "bent", "noise")
+"""Such causes where it was pushed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,9 @@ class Series:
     last : what the last one says; None where nothing was added
     late : the camera that all of them show at another time than the others
     lasting : what the laws lack in all of them alike
+    pushed : the camera that all of them show from elsewhere
+    fixed : of each camera whether its pose is taken as known
+    frames : how many of them have wind, those in which a camera contradicts the others included
     """
 
     views: tuple[str, ...]
@@ -54,6 +60,9 @@ class Series:
     last: Instant | None = None
     late: Late | None = None
     lasting: Lasting | None = None
+    pushed: Pushed | None = None
+    fixed: tuple[bool, ...] = ()
+    frames: int = 0
 
     @staticmethod
     def of(test: DeformationTest) -> Series | None:
@@ -61,7 +70,8 @@ class Series:
         model = test.markers.role != "wall"
         if test.marker_cov is None and not np.isfinite(test.markers.sigma[model]).all():
             return None
-        return Series(tuple(s.name for s in test.stations), test.wind_off)
+        fixed = tuple(not s.moves for s in test.stations)
+        return Series(tuple(s.name for s in test.stations), test.wind_off, fixed=fixed)
 
     def plus(self, solved: Solved, frame: FrameImages, *, odd: bool = False) -> Series:
         """One frame more; ``odd``: a camera contradicts the others in it, so that nothing tells what the laws lack.
@@ -82,12 +92,17 @@ class Series:
         if moving is not None and self.moving is not None:
             moved2 += float((moving**2).sum() + (self.moving**2).sum()) / 2
             changed2 += float(((moving - self.moving) ** 2).sum())
-        late, left = lateness(evidence, cov, float(np.sqrt(changed2 / moved2)) if moved2 > 0 else 0.0), None
-        if late is None:  # what a late camera leaves over looks like much else
+        late = lateness(evidence, cov, float(np.sqrt(changed2 / moved2)) if moved2 > 0 else 0.0)
+        # A camera that is late between its pictures, which nothing tells, looks pushed where the model moves steadily.
+        frames, left, moved = self.frames + (not wind_off and not frame.shots), None, None
+        # What a camera that is late or elsewhere leaves over looks like much else.
+        if late is None and not frame.shots:
+            moved = pushed(evidence, cov, frames, self.fixed, length_unit(solved.task.volumes))
+        if late is None and moved is None:
             left = self.lasting if still else lasting(evidence, instant, equations, count, self.lasting)
         return Series(
             self.views, self.wind_off, evidence, count, instant.place, frame.instant, moving, moved2, changed2, instant,
-            late, left,
+            late, left, moved, self.fixed, frames,
         )  # fmt: skip
 
     def without(self) -> Series:
@@ -95,22 +110,29 @@ class Series:
         return self if self.last is None else replace(self, last=None)
 
     @property
+    def _of_a_camera(self) -> Late | Pushed | None:
+        return self.late if self.late is not None else self.pushed
+
+    @property
     def doubts(self) -> tuple[Doubt, ...]:
         """What is to be said of the series."""
-        if self.late is not None:
-            return (self.late.doubt,)
+        off = self._of_a_camera
+        if off is not None:
+            return (off.doubt,)
         return () if self.lasting is None else self.lasting.doubts
 
     def judged(self, state: Deformation) -> Deformation:
         """The state of the last frame with what all of them say; the same where that is nothing."""
-        if self.late is None:
+        of = self._of_a_camera
+        if of is None:
             return self._with_what_is_left(state)
-        kept = tuple(d for d in state.doubts if d.cause not in OF_ONE_INSTANT)
+        better = OF_ONE_INSTANT if self.late is not None else OF_ONE_POSE
+        kept = tuple(d for d in state.doubts if d.cause not in better)
         doubts = (*self.doubts, *kept)
         names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
         cov = state.cov
         if self.last is not None:
-            off = _by_name(self.late.shifts(self.last), self.last.names, state.names)
+            off = _by_name(of.shifts(self.last), self.last.names, state.names)
             cov = cov + off @ off.T
         return replace(state, cov=cov, set_up=state.cov_of_set_up, doubts=doubts, suspect=names)
 
