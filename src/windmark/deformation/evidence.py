@@ -5,6 +5,9 @@ therefore tells, as in `equations`, score and power of unknowns that would be on
 camera takes its pictures, how its pose is off, what the laws lack. Instants are added up; spots are wrong anew in each
 of them. What is wrong alike in all of them is not: the markers' own places by their covariance, and spots by a part of
 their sigma (`ALIKE`). Either is in the covariance of the sum as what it is.
+
+Poses and what the laws lack may also be in proportion to the load. To each of these unknowns belong some more, one for
+each load (`loads_of`), which have a share of it in an instant as large as the load is then.
 """
 
 from __future__ import annotations
@@ -15,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation.equations import CHECKED, Added, Equations
+from windmark.deformation.loads import Course, loads_of
 from windmark.deformation.patterns import fields_of
-from windmark.deformation.sighting import MOTION
+from windmark.deformation.sighting import LAW, MOTION
 from windmark.deformation.solve import free_names
 from windmark.deformation.volumes import Placed
 
@@ -44,6 +48,7 @@ class Instant:
     names : (F,) of that
     chi2, redundancy, spots : of the instant
     place : (N, 3) its markers in the tunnel
+    load, load_cov : (R,) how large the loads are in it, and their covariance (R, R)
     """
 
     score: Array
@@ -56,6 +61,8 @@ class Instant:
     redundancy: int
     spots: int
     place: Array
+    load: Array
+    load_cov: Array
 
 
 def instant_of(
@@ -72,10 +79,13 @@ def instant_of(
     wind_off : it is one of those that the markers' places are of, in which the laws lack nothing
     """
     added, by_place = equations.added_with_places(_columns(equations, views, moving, wind_off))
-    solved = equations.solved
+    solved, loads = equations.solved, loads_of(equations.solved.task.placed)
+    cov, own = np.zeros((loads.shape[1],) * 2), solved.problem.slices.get(LAW)
+    if own is not None:
+        cov = solved.cov[own, own]
     return Instant(
         added.score, added.power, added.size**2, by_place, added.follow, free_names(solved.problem), solved.chi2,
-        solved.redundancy, int(solved.used.sum()), equations.place,
+        solved.redundancy, int(solved.used.sum()), equations.place, loads @ solved.values[LAW], loads @ cov @ loads.T,
     )  # fmt: skip
 
 
@@ -102,20 +112,27 @@ class Evidence:
     Parameters
     ----------
     views : the cameras of the series
-    score, power, size2, by_place, chi2, redundancy, spots : see `Instant`
-    held : (n, n) what the markers' own places have in ``power``, instant for instant
+    score, power, by_place, chi2, redundancy, spots : see `Instant`; behind its n unknowns come the poses and what the
+        laws lack once more for each load
+    products : (1 + R, 1 + R, n) sum of `Instant.size2` times the products of 1 and the loads
+    held : what the markers' own places have in ``power``, instant for instant
+    course : of the loads
     alone : (V,) sum of squares that the cameras' lateness explains where it may be another one in every instant
+    lacking_chi2, lacking_redundancy : of the instants that tell what the laws lack
     instants, moved : how many, and how many of them tell lateness
     """
 
     views: tuple[str, ...]
     score: Array
     power: Array
-    size2: Array
+    products: Array
     by_place: Array
     held: Array
+    course: Course
     alone: Array
     chi2: float = 0.0
+    lacking_chi2: float = 0.0
+    lacking_redundancy: int = 0
     redundancy: int = 0
     spots: int = 0
     instants: int = 0
@@ -124,12 +141,13 @@ class Evidence:
     @staticmethod
     def none(views: tuple[str, ...], placed: Placed) -> Evidence:
         """Of no instant yet of these markers."""
-        fields, markers = fields_of(placed), len(placed.xyz)
-        n = 7 * len(views) + (0 if fields is None else fields.field.shape[-1])
+        fields, loads = fields_of(placed), len(loads_of(placed))
+        one = 6 * len(views) + (0 if fields is None else fields.field.shape[-1])
+        n = len(views) + (1 + loads) * one
         return Evidence(
-            views, np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros((n, markers, 3)), np.zeros((n, n)),
-            np.zeros(len(views)),
-        )
+            views, np.zeros(n), np.zeros((n, n)), np.zeros((1 + loads, 1 + loads, len(views) + one)),
+            np.zeros((n, len(placed.xyz), 3)), np.zeros((n, n)), Course.none(loads), np.zeros(len(views)),
+        )  # fmt: skip
 
     @property
     def late(self) -> Ints:
@@ -138,13 +156,35 @@ class Evidence:
 
     @property
     def poses(self) -> Ints:
-        """Their poses."""
+        """Their poses, the same in all instants."""
         return np.arange(len(self.views), 7 * len(self.views))
 
     @property
     def lacking(self) -> Ints:
-        """What the laws lack."""
-        return np.arange(7 * len(self.views), len(self.score))
+        """What the laws lack in the same way in all instants."""
+        return np.arange(7 * len(self.views), self.products.shape[-1])
+
+    def with_loads(self, which: Ints) -> Ints:
+        """Poses or what the laws lack, and then for each load as much of them as belongs to it."""
+        one = self.products.shape[-1] - len(self.views)
+        return np.concatenate([which + k * one for k in range(len(self.products))])
+
+    @property
+    def size2(self) -> Array:
+        """Squared lengths of the columns of all unknowns, see `Instant`."""
+        late, every = len(self.views), np.arange(len(self.products))
+        return np.concatenate([self.products[0, 0, :late], self.products[every, every, late:].ravel()])
+
+    def by_factors(self, factors: Array) -> Evidence:
+        """The same with some combinations (k, 1 + R) of 1 and the loads in place of these; the first of them is 1."""
+        late = len(self.views)
+        by = np.eye(late + len(factors) * (self.products.shape[-1] - late), len(self.score))
+        by[late:, late:] = np.kron(factors, np.eye(self.products.shape[-1] - late))
+        return replace(
+            self, score=by @ self.score, power=by @ self.power @ by.T, held=by @ self.held @ by.T,
+            by_place=np.tensordot(by, self.by_place, axes=1),
+            products=np.einsum("ij,jkn,lk->iln", factors, self.products, factors),
+        )  # fmt: skip
 
     def beside(self, test: float) -> tuple[float, int]:
         """Sum of squares and its redundancy, beside which something explains ``test`` of it.
@@ -154,17 +194,27 @@ class Evidence:
         """
         return max(self.chi2, self.redundancy + test), self.redundancy
 
-    def plus(self, instant: Instant, place_cov: Array | None) -> Evidence:
-        """One instant more; ``place_cov`` (N, 3, 3) as it was adjusted with."""
+    def plus(self, instant: Instant, place_cov: Array | None, wind_off: bool = False) -> Evidence:
+        """One instant more, adjusted with ``place_cov`` (N, 3, 3); ``wind_off`` where the places are of it."""
         late = self.late
         power, told = instant.power[late, late], instant.power[late, late] > LEAST * instant.size2[late]
+        tells = bool(np.diag(instant.power)[self.lacking].any())
+        course = self.course.plus(instant.load, instant.load_cov, wind_off) if wind_off or tells else self.course
+        own = np.r_[1.0, instant.load]
+        rest = np.arange(len(late), len(instant.score))
+        which, share = np.r_[late, np.tile(rest, len(own))], np.r_[np.ones(len(late)), np.repeat(own, len(rest))]
+        held = _by_places(instant.by_place, place_cov)
         return replace(
             self, alone=self.alone + np.where(told, instant.score[late] ** 2 / np.where(told, power, 1.0), 0.0),
-            moved=self.moved + bool(told.any()), score=self.score + instant.score, power=self.power + instant.power,
-            size2=self.size2 + instant.size2, by_place=self.by_place + instant.by_place,
-            held=self.held + _by_places(instant.by_place, place_cov), chi2=self.chi2 + instant.chi2,
-            redundancy=self.redundancy + instant.redundancy, spots=self.spots + instant.spots,
-            instants=self.instants + 1,
+            moved=self.moved + bool(told.any()), score=self.score + share * instant.score[which],
+            power=self.power + np.outer(share, share) * instant.power[np.ix_(which, which)],
+            products=self.products + np.multiply.outer(np.outer(own, own), instant.size2),
+            by_place=self.by_place + share[:, None, None] * instant.by_place[which],
+            held=self.held + np.outer(share, share) * held[np.ix_(which, which)], course=course,
+            chi2=self.chi2 + instant.chi2, redundancy=self.redundancy + instant.redundancy,
+            lacking_chi2=self.lacking_chi2 + instant.chi2 * tells,
+            lacking_redundancy=self.lacking_redundancy + instant.redundancy * tells,
+            spots=self.spots + instant.spots, instants=self.instants + 1,
         )  # fmt: skip
 
     def added(self, which: Ints, beside: Ints, place_cov: Array | None) -> Added:
@@ -177,7 +227,8 @@ class Evidence:
         power = self.power[np.ix_(both, both)]
         cov = power * (1 + ALIKE**2 * self.instants) - self.held[np.ix_(both, both)]
         cov += _by_places(self.by_place[both], place_cov)
-        scale = np.sqrt(np.where(self.size2 > 0, self.size2, 1.0))[both]
+        size2 = self.size2[both]
+        scale = np.sqrt(np.where(size2 > 0, size2, 1.0))
         power, cov = power / np.outer(scale, scale), cov / np.outer(scale, scale)
         taken = -power[:n, n:] @ np.linalg.pinv(power[n:, n:], CHECKED, hermitian=True)
         by = np.concatenate([np.eye(n), taken], axis=1)

@@ -167,6 +167,7 @@ def _result(s: Solved, verdict: Verdict, options: Mapping[str, Any]) -> Deformat
     sigma = np.sqrt(np.diag(s.cov)[slices[LAW]]) if LAW in slices else np.zeros(0)
     known = zip(volumes.names, volumes.parameters, sigma, strict=True)
     cov, misfit = verdict.scale * s.cov, verdict.misfit
+    set_up = cov if misfit is not None or verdict.bounds is not None else None
     if misfit is not None:
         cov = cov + misfit.follow @ misfit.second @ misfit.follow.T
     if (bounds := verdict.bounds) is not None:
@@ -180,7 +181,7 @@ def _result(s: Solved, verdict: Verdict, options: Mapping[str, Any]) -> Deformat
         sigma0=float(np.sqrt(s.chi2 / s.redundancy)) if s.redundancy > 0 else float("nan"), chi2=s.chi2,
         redundancy=s.redundancy, from_prior=tuple(n for n, p, size in known if size > PRIOR_SHARE * p.sigma),
         at_bound=s.at_bound, report=s.report, options=options, doubts=verdict.doubts, suspect=verdict.suspect,
-        misfit=misfit, unchecked=verdict.unchecked,
+        misfit=misfit, unchecked=verdict.unchecked, set_up=set_up,
     )  # fmt: skip
 
 

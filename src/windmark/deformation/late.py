@@ -26,6 +26,8 @@ MOVED = 2
 BESIDE = 8.0
 """Least sum of squares that lateness explains beside poses that are off by the same in all instants: of chance, in one
 of 200 series. A pose that is a little off is common, and looks much the same where the model moves steadily."""
+STRAIGHT = 0.5
+"""Part of a change of velocity by which the mean velocity of a step is off that at its end."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,13 @@ def _escaped(name: str) -> str:
     return name.replace("{", "{{").replace("}", "}}")
 
 
-def lateness(evidence: Evidence, place_cov: Array | None) -> Late | None:
-    """The camera that the series shows at another time than the others; None where none is."""
+def lateness(evidence: Evidence, place_cov: Array | None, uneven: float = 0.0) -> Late | None:
+    """The camera that the series shows at another time than the others; None where none is.
+
+    ``uneven``: by which part of itself, root mean square, the model's motion changes from instant to instant. A camera
+    shows where the model was, and not where its last step, straight on, would have it. Where it turns round within a
+    few instants, and the states are of both times at once, the value is as uncertain as that.
+    """
     if len(evidence.views) < 2 or evidence.moved < MOVED:
         return None
     one, none, best = np.array([0]), evidence.poses[:0], (0.0, 0, 0.0, 0.0)
@@ -77,10 +84,13 @@ def lateness(evidence: Evidence, place_cov: Array | None) -> Late | None:
     test, which, value_, sigma = best
     if chance(test, 1, *evidence.beside(test)) >= FALSE / len(evidence.views):
         return None
-    if evidence.alone[which] > 2 * test:  # not the same in all of them: it moved once
+    # Weighted as each by itself is: what is wrong alike in all of them has no part in how they differ.
+    pooled = evidence.score[which] ** 2 / max(evidence.power[which, which], 1e-300)
+    if evidence.alone[which] > 2 * pooled:  # not the same in all of them: it moved once
         return None
     if len(evidence.views) == 2 and value_ < 0:
         which, value_ = 1 - which, -value_  # the other way round it is the same
+    sigma = float(np.hypot(sigma, STRAIGHT * uneven * value_))
     own = evidence.late[[which]]
     beside = evidence.added(own, evidence.poses, place_cov).fitted(one)[0]
     off = max(

@@ -109,11 +109,16 @@ def _how_far(solved: Solved, name: str) -> str:
     now: Pose = solved.values[pose_block(name)]
     delta = (now @ view.cam_from_model.inverse()).log()
     own = solved.cov[solved.problem.slices[pose_block(name)], solved.problem.slices[pose_block(name)]]
-    sigma = [np.sqrt(np.maximum(_along(delta[k]) @ own[k, k] @ _along(delta[k]), 0.0)) for k in
+    return how_far(delta, own, length_unit(solved.task.volumes))
+
+
+def how_far(delta: Array, cov: Array, unit: str) -> str:
+    """A pose's change (6,), rotation and translation, and its covariance (6, 6) in words, with 1 sigma."""
+    sigma = [np.sqrt(np.maximum(_along(delta[k]) @ cov[k, k] @ _along(delta[k]), 0.0)) for k in
              (slice(0, 3), slice(3, 6))]  # fmt: skip
     turn, shift = (float(np.linalg.norm(part)) for part in (delta[:3], delta[3:]))
     far = f"turned by {g2(np.degrees(turn))} ± {g1(np.degrees(sigma[0]))} deg and moved by {g2(shift)} ± {g1(sigma[1])}"
-    return f"{far} {length_unit(solved.task.volumes)}".rstrip()
+    return f"{far} {unit}".rstrip()
 
 
 def _along(delta: Array) -> Array:

@@ -133,8 +133,13 @@ def looks_like(
     return tuple(looks)
 
 
-def asked_for(added: Added, fields: Fields, spots: int, chi2: float, redundancy: int) -> list[int]:
-    """The groups that the data want, the most telling one first; ``chi2`` of so many ``spots`` without them."""
+def asked_for(
+    added: Added, fields: Fields, spots: int, chi2: float, redundancy: int, false: float = FALSE
+) -> list[int]:
+    """The groups that the data want, the most telling one first; ``chi2`` of so many ``spots`` without them.
+
+    ``false``: probability that any of them is wanted where there is none.
+    """
     count = len(fields.groups)
     price = np.log(max(2 * spots, 2))
     chosen: list[int] = []
@@ -149,7 +154,7 @@ def asked_for(added: Added, fields: Fields, spots: int, chi2: float, redundancy:
             gain, unknowns = more - test, together - rank
             if gain <= unknowns * price:
                 continue
-            if chance(gain, unknowns, chi2 - test, redundancy - rank) < FALSE / count:
+            if chance(gain, unknowns, chi2 - test, redundancy - rank) < false / count:
                 best = max(best or (-np.inf, 0, 0.0, 0), (gain - unknowns * price, g, more, together))
         if best is None:
             return chosen

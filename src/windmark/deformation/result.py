@@ -75,6 +75,8 @@ class Deformation:
     suspect : names of the markers, views and volumes in them
     unchecked : what these images cannot tell and no sigma contains, as whether a volume that has a law of its own moves
         with the one beside it
+    set_up : (F, F) what ``cov`` is without all that turned out to be wrong: what the laws lack, bounds and priors that
+        are contradicted, a camera that is late; None where it is the same
     misfit : what the laws lack, where neighbouring residuals agree in it; it is in ``cov`` and in that of every place
 
     Examples
@@ -122,6 +124,7 @@ class Deformation:
     suspect: tuple[str, ...] = ()
     misfit: Misfit | None = None
     unchecked: tuple[Doubt, ...] = ()
+    set_up: Array | None = None
 
     def to_pandas(self) -> Any:
         """A ``pandas.DataFrame``: value and sigma of every parameter of the laws (NaN where it was not free)."""
@@ -144,6 +147,11 @@ class Deformation:
     def warnings(self) -> tuple[str, ...]:
         """The doubts as sentences."""
         return tuple(str(d) for d in self.doubts)
+
+    @property
+    def cov_of_set_up(self) -> Array:
+        """(F, F) how well cameras and markers determine all that was free, were all else right."""
+        return self.cov if self.set_up is None else self.set_up
 
     @property
     def fits(self) -> bool:

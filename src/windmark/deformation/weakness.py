@@ -19,7 +19,7 @@ CORRELATED = 0.98
 
 
 def weak_directions(state: Deformation, centre: ArrayLike, *, unit: str = "", least: float = 0.0) -> tuple[str, ...]:
-    """What is known least of an identified state.
+    """What is known least of an identified state by its set-up; what laws lack or a camera is late may hide more.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def weak_directions(state: Deformation, centre: ArrayLike, *, unit: str = "", le
     if MOTION not in state.slices:
         return ()
     place = state.tunnel_from_model.apply(np.asarray(centre, dtype=float))
-    own = state.cov[state.slices[MOTION], state.slices[MOTION]]
+    own = state.cov_of_set_up[state.slices[MOTION], state.slices[MOTION]]
     shift = np.concatenate([-hat(place), np.eye(3)], axis=1)
     reach = float(np.linalg.norm(state.placed.xyz - np.asarray(centre, dtype=float), axis=1).max(initial=0.0))
     out = []
@@ -62,7 +62,7 @@ def _mistaken(state: Deformation, least: float) -> list[str]:
     if LAW not in state.slices:
         return []
     law, motion = state.slices[LAW], state.slices[MOTION]
-    cov = state.cov
+    cov = state.cov_of_set_up
     half = np.linalg.cholesky(cov[motion, motion])
     # The largest correlation with any direction of the motion: multiple correlation.
     part = np.linalg.solve(half, cov[motion, law])

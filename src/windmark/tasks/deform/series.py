@@ -12,8 +12,9 @@ from windmark.deformation.equations import Equations
 from windmark.deformation.evidence import Evidence, Instant, instant_of
 from windmark.deformation.lasting import Lasting, lasting
 from windmark.deformation.late import Late, lateness
-from windmark.deformation.misfit import Misfit
+from windmark.deformation.misfit import Misfit, length_unit
 from windmark.deformation.patterns import fields_of
+from windmark.deformation.pushed import Pushed, pushed
 from windmark.deformation.solve import Solved
 from windmark.scene import Doubt
 from windmark.tasks.deform.task import DeformationTest, FrameImages
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 
 OF_ONE_INSTANT = ("moved", "picture")
 """Causes of doubts that a frame by itself gives to what a late camera shows."""
+OF_ONE_POSE = ("moved", "picture", "bent", "noise")
+"""Such causes where it was pushed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +38,14 @@ class Series:
     evidence : what they say together; None before the first one
     with_wind : how many of them are others than these
     place, instant : where the markers were in the tunnel at the last of them, (N, 3), and when that was
+    moving : (N, 3) how far they moved per unit of time before it; None where that is not known
+    moved2, changed2 : sum of squares of that, and of its changes, over the frames that have both
     last : what the last one says; None where nothing was added
     late : the camera that all of them show at another time than the others
     lasting : what the laws lack in all of them alike
+    pushed : the camera that all of them show from elsewhere
+    fixed : of each camera whether its pose is taken as known
+    frames : how many of them have wind, those in which a camera contradicts the others included
     """
 
     views: tuple[str, ...]
@@ -46,9 +54,15 @@ class Series:
     with_wind: int = 0
     place: Array | None = None
     instant: float = 0.0
+    moving: Array | None = None
+    moved2: float = 0.0
+    changed2: float = 0.0
     last: Instant | None = None
     late: Late | None = None
     lasting: Lasting | None = None
+    pushed: Pushed | None = None
+    fixed: tuple[bool, ...] = ()
+    frames: int = 0
 
     @staticmethod
     def of(test: DeformationTest) -> Series | None:
@@ -56,7 +70,8 @@ class Series:
         model = test.markers.role != "wall"
         if test.marker_cov is None and not np.isfinite(test.markers.sigma[model]).all():
             return None
-        return Series(tuple(s.name for s in test.stations), test.wind_off)
+        fixed = tuple(not s.moves for s in test.stations)
+        return Series(tuple(s.name for s in test.stations), test.wind_off, fixed=fixed)
 
     def plus(self, solved: Solved, frame: FrameImages, *, odd: bool = False) -> Series:
         """One frame more; ``odd``: a camera contradicts the others in it, so that nothing tells what the laws lack.
@@ -72,12 +87,22 @@ class Series:
         still = odd or wind_off
         instant = instant_of(equations, self.views, moving, still)
         evidence = self.evidence if self.evidence is not None else Evidence.none(self.views, solved.task.placed)
-        evidence, count = evidence.plus(instant, cov), self.with_wind + (not still)
-        late, left = lateness(evidence, cov), None
-        if late is None:  # what a late camera leaves over looks like much else
-            left = self.lasting if still else lasting(evidence, instant, equations, count)
+        evidence, count = evidence.plus(instant, cov, wind_off), self.with_wind + (not still)
+        moved2, changed2 = self.moved2, self.changed2
+        if moving is not None and self.moving is not None:
+            moved2 += float((moving**2).sum() + (self.moving**2).sum()) / 2
+            changed2 += float(((moving - self.moving) ** 2).sum())
+        late = lateness(evidence, cov, float(np.sqrt(changed2 / moved2)) if moved2 > 0 else 0.0)
+        # A camera that is late between its pictures, which nothing tells, looks pushed where the model moves steadily.
+        frames, left, moved = self.frames + (not wind_off and not frame.shots), None, None
+        # What a camera that is late or elsewhere leaves over looks like much else.
+        if late is None and not frame.shots:
+            moved = pushed(evidence, cov, frames, self.fixed, length_unit(solved.task.volumes))
+        if late is None and moved is None:
+            left = self.lasting if still else lasting(evidence, instant, equations, count, self.lasting)
         return Series(
-            self.views, self.wind_off, evidence, count, instant.place, frame.instant, instant, late, left,
+            self.views, self.wind_off, evidence, count, instant.place, frame.instant, moving, moved2, changed2, instant,
+            late, left, moved, self.fixed, frames,
         )  # fmt: skip
 
     def without(self) -> Series:
@@ -85,47 +110,65 @@ class Series:
         return self if self.last is None else replace(self, last=None)
 
     @property
+    def _of_a_camera(self) -> Late | Pushed | None:
+        return self.late if self.late is not None else self.pushed
+
+    @property
     def doubts(self) -> tuple[Doubt, ...]:
         """What is to be said of the series."""
-        if self.late is not None:
-            return (self.late.doubt,)
+        off = self._of_a_camera
+        if off is not None:
+            return (off.doubt,)
         return () if self.lasting is None else self.lasting.doubts
 
     def judged(self, state: Deformation) -> Deformation:
         """The state of the last frame with what all of them say; the same where that is nothing."""
-        if self.late is None:
+        of = self._of_a_camera
+        if of is None:
             return self._with_what_is_left(state)
-        kept = tuple(d for d in state.doubts if d.cause not in OF_ONE_INSTANT)
+        better = OF_ONE_INSTANT if self.late is not None else OF_ONE_POSE
+        kept = tuple(d for d in state.doubts if d.cause not in better)
         doubts = (*self.doubts, *kept)
         names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
         cov = state.cov
         if self.last is not None:
-            off = _by_name(self.late.shifts(self.last), self.last.names, state.names)
+            off = _by_name(of.shifts(self.last), self.last.names, state.names)
             cov = cov + off @ off.T
-        return replace(state, cov=cov, doubts=doubts, suspect=names)
+        return replace(state, cov=cov, set_up=state.cov_of_set_up, doubts=doubts, suspect=names)
 
     def _with_what_is_left(self, state: Deformation) -> Deformation:
-        """The state with what the laws lack in all frames, where it has not found that by itself."""
+        """The state with what the laws lack in all frames; what it has found by itself gives way, if it is that."""
         left, last = self.lasting, self.last
         if left is None or last is None or self.evidence is None:
             return state
-        if not last.follow[:, self.evidence.lacking].any():  # one without wind
+        lacking, fields = self.evidence.lacking, fields_of(state.placed)
+        if fields is None or not last.follow[:, lacking].any():  # one without wind
             return state
-        own = state.misfit
-        more = np.ones(len(left.which), bool) if own is None else ~np.isin(left.which, own.chosen)
+        set_up = state.cov_of_set_up
+        if state.misfit is not None and left.explains(state.misfit, last, lacking):
+            state = _without_misfit(state, left.doubts)
+        own, which, (value, second) = state.misfit, left.which, left.at(last.load)
+        more = np.ones(len(which), bool) if own is None else ~np.isin(which, own.chosen)
         said = {n for d in state.doubts if d.cause == "bent" for n in d.names}
         doubts = (*state.doubts, *(d for d in left.doubts if not set(d.names) <= said))
-        follow = _by_name(last.follow[:, self.evidence.lacking[left.which[more]]], last.names, state.names)
-        fields = fields_of(state.placed)
-        if fields is None or not more.any():
+        if not more.any():
             return replace(state, doubts=doubts)
-        second = left.second[np.ix_(more, more)]
-        misfit = Misfit(fields.shapes, left.which[more], left.value[more], second, follow)
+        follow = _by_name(last.follow[:, lacking[which[more]]], last.names, state.names)
+        second = second[np.ix_(more, more)]
+        misfit = Misfit(fields.shapes, which[more], value[more], second, follow)
         names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
         return replace(
             state, cov=state.cov + follow @ second @ follow.T, doubts=doubts, suspect=names,
-            misfit=misfit if own is None else _both(own, misfit),
+            misfit=misfit if own is None else _both(own, misfit), set_up=set_up,
         )  # fmt: skip
+
+
+def _without_misfit(state: Deformation, better: tuple[Doubt, ...]) -> Deformation:
+    """The state without what it has found by itself that the laws lack, of which there are ``better`` doubts."""
+    own = state.misfit
+    assert own is not None
+    doubts = tuple(d for d in state.doubts if d.cause != better[0].cause)
+    return replace(state, cov=state.cov - own.follow @ own.second @ own.follow.T, misfit=None, doubts=doubts)
 
 
 def _both(a: Misfit, b: Misfit) -> Misfit:
