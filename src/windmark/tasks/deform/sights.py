@@ -124,12 +124,14 @@ def sight(
 def once_more(before: Labelled | None, now: Labelled, *, copied: bool) -> str:
     """That a camera shows what it showed before, noise and all; empty where it does not.
 
-    ``copied``: its picture is the same bit by bit. Spots of such a one may still differ by more than a part of their
-    noise, as each was looked for from its own prediction; spots tell of a copy that was compressed once more.
+    ``copied``: its picture is the same bit by bit as its last one. Spots of such a one may still differ by more than a
+    part of their noise, as each was looked for from its own prediction; spots tell of a copy that was compressed once
+    more. Those that are interpolated tell nothing: the picture may be one of those that they are between.
     """
     if before is None or not len(now.marker):
         return ""
     sigma = float(np.sqrt(np.median(np.trace(now.cov, axis1=1, axis2=2)) / 2))
-    if not copied and not is_repeated(before.marker, before.xy, now.marker, now.xy, sigma):
+    between = before.between_cov is not None
+    if not copied and (between or not is_repeated(before.marker, before.xy, now.marker, now.xy, sigma)):
         return ""
     return f"the picture before once more ({ONCE_MORE}): it is of another instant"
