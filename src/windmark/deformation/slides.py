@@ -29,7 +29,8 @@ TOWARDS = 0.5
 """What the law lacks of that way, as part of it, where it is followed further."""
 NEAR, ON = 0.3, 0.1
 """Of the distance to the nearest other marker: so near two are taken for each other, and so near they must come."""
-ROUNDS = 6
+ROUNDS, SETTLED = 6, 1e-9
+"""Steps of each search at most, and a last one that is so small beside the whole way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +82,8 @@ class Slide:
             if (step := _step(self.placed, there, self.columns, on, wanted)) is None:
                 return None
             there[self.columns] += step
+            if np.abs(step).max() <= SETTLED * np.abs(self.change).max():
+                break
         off = np.linalg.norm(self.placed.place(there)[on] - wanted, axis=1)
         far = np.linalg.norm(wanted - here[on], axis=1)
         inside = all(p.lower <= there[k] <= p.upper for k, p in zip(self.columns.tolist(), parameters, strict=True))

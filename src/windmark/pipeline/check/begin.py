@@ -56,23 +56,19 @@ def _run(path: Path) -> Iterator[FileError]:
 
 def _deform(path: Path) -> Iterator[FileError]:
     project = read_deform_project(path)
-
-    def frames() -> None:
-        read_frame_table(project)
-        wind_off_frames(project, instants_of(project))
-
-    def parts() -> None:
+    try:
         test = load(project).test
+    except FileError as error:
+        yield error
+    else:
         names = [entry.name for entry in project.volume]
         for volume, other in exchanged_hinges(test.markers, test.volumes).items():
-            where = f"volume[{names.index(volume)}].options"
-            raise FileError(path, hinge_words(volume, other), where)
-
-    for step in (parts, frames):  # either says nothing of the other
-        try:
-            step()
-        except FileError as error:
-            yield error
+            yield FileError(path, hinge_words(volume, other), f"volume[{names.index(volume)}].options")
+    try:  # either says nothing of the other
+        read_frame_table(project)
+        wind_off_frames(project, instants_of(project))
+    except FileError as error:
+        yield error
 
 
 def _psp(path: Path) -> Iterator[FileError]:

@@ -95,7 +95,8 @@ class Slips:
         alike, beyond = False, dict[tuple[str, int], frozenset[int]]()
         for number, slide in enumerate(self._slides):
             lost = {n: int(np.isin(labelled[n].marker, slide.vacated).sum()) for n in images if n in labelled}
-            if not cold and sum(lost.values()) >= len(slide.entering) * len(lost):
+            # A part that slipped so far has no spots left where it would leave, but for a few that are others'.
+            if not cold and 2 * sum(lost.values()) > len(slide.entering) * len(lost):
                 continue
             q = slide.of(state.q)
             if q is None:
