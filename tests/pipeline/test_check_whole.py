@@ -261,3 +261,17 @@ def test_what_may_be_no_number_is_taken_as_it_is(folder):
 def test_an_empty_name_is_not_a_file_that_is_missing(folder):
     found = problems(folder, RUN.replace('"camera.json"', '""'))
     assert "is empty, or the project's own folder" in found["camera[0].file"].words
+
+
+def test_flaps_whose_volumes_are_exchanged_are_found_by_where_their_hinges_lie(folder):
+    posed(folder)
+    flap = '[[volume]]\nname = "{}"\nlaw = "hinge"\noptions = {{ start = [0, {}, 0], end = [0, {}, 0] }}\n'
+    text = DEFORM + flap.format("inner", 0, 2) + flap.format("outer", 3, 5)
+    places = np.array([[1.0, 0.1, 0], [2, 1, 0], [1, 1.9, 0], [1, 3.1, 0], [2, 4, 0], [1, 4.9, 0]])
+    for volumes, wrong in ((["inner"] * 3 + ["outer"] * 3, []), (["outer"] * 3 + ["inner"] * 3, ["inner", "outer"])):
+        table = MarkerSet.make([f"m{k}" for k in range(6)], places, volume=volumes)
+        io.write_markers(folder / "markers.csv", table, length_unit="mm")
+        found = problems(folder, text)
+        assert sorted(found) == [f"volume[{k}].options" for k in range(len(wrong))]
+        assert all(f"the hinge of {v} (start to end) lies beside" in p.words
+                   for v, p in zip(wrong, found.values(), strict=True))  # fmt: skip

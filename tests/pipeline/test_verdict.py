@@ -431,6 +431,15 @@ def test_what_all_frames_say_together_is_doubted_as_the_last_one_knows_it():
     assert deform_verdict([*every, *two, replace(fine, index=43, key="43")]).word == GOOD  # later ones took it back
 
 
+def test_a_part_that_may_have_slipped_in_one_frame_of_many_is_said_and_a_wild_spot_is_not():
+    """Its numbers are off by a spacing there, which no sigma has; those of the other are hardly off."""
+    words = "panel may be slipped by one spacing of 25 mm"
+    for cause, said in (("layout", [f"frame 7: {words}"]), ("marker", [])):
+        of_one = ((cause, words),)
+        instants = [Followed(f"frame {k}", {}, of_one if k == 7 else ()) for k in range(100)]
+        assert [f.reason for f in followed_findings(instants, "mm")] == said
+
+
 def test_residuals_are_doubted_where_most_of_them_is_no_noise():
     doubts = (("noise", "residuals are 1.2 times as large as stated (sigma0)"),)
     point = PointRecord("p1", 0.0, {}, "reduced", seen=0.9, median_sigma_cp=0.01, flicker=0.0)

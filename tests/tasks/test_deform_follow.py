@@ -190,3 +190,25 @@ def test_a_spot_at_a_markers_own_place_in_one_camera_makes_no_other_one_of_the_n
     usual.learn_odd(dict.fromkeys(near, every), test, labelled, None, {})
     assert usual.odd["right"] == odd
     assert usual.odd["left"] == {}
+
+
+def test_a_camera_of_half_the_rate_shows_its_pictures_once_and_one_that_stands_still_is_said():
+    """The picture of an instant is also the later one of the two that the instant before it was between."""
+    stations = tuple(Station(name, CAMERA, AWAY) for name in ("own", "slow"))
+    test = DeformationTest(stations, markers(), Volumes.of([]), look=LookOptions((5.0,)))
+    rng = np.random.default_rng(8)
+    seen = [image((0, 0)) + rng.integers(0, 4, (300, 400), np.uint8) for _ in range(5)]
+
+    def reasons(slow):
+        frames = []
+        for k in range(5):
+            if k % 2 == 0:
+                frames.append(FrameImages(str(k), float(k), {"own": seen[k], "slow": slow[k]}))
+            else:
+                shots = Shot(k - 1.0, slow[k - 1]), Shot(k + 1.0, slow[k + 1])
+                frames.append(FrameImages(str(k), float(k), {"own": seen[k], "slow": slow[k + 1]}, {"slow": shots}))
+        return [ONCE_MORE in f.cameras["slow"].reason for f in follow_deformation(frames, test)]
+
+    slow = {k: image((0, 0)) + rng.integers(0, 4, (300, 400), np.uint8) for k in (0, 2, 4)}
+    assert reasons(slow) == [False] * 5
+    assert reasons({**slow, 4: slow[2].copy()}) == [False, False, False, False, True]

@@ -43,6 +43,7 @@ from windmark.pipeline.resume import begun_with
 from windmark.pipeline.verdict import Verdict, rules
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.pipeline.verdict.grid import grid_findings
+from windmark.pipeline.verdict.table import hinge_findings, walls_findings
 from windmark.pipeline.verdict.wanted import far_findings
 from windmark.tasks.deform.task import DeformationTest
 
@@ -142,6 +143,8 @@ def _finish(loaded: Loaded, sequence: Sequence, out: io.ResultFolder, start: flo
     unit = loaded.project.length_unit
     beside = [] if loaded.mesh is None else grid_findings(loaded.test.markers, loaded.mesh, unit)
     beside += far_findings(loaded.places, unit)
+    beside += hinge_findings(loaded.test.markers, loaded.test.volumes)
+    beside += walls_findings(loaded.test.markers, sequence.good, unit)
     verdict = deform_verdict(sequence.records, weakest(loaded, sequence, that_matter=True), unit, zero,
                              loaded.test.volumes.names, beside,
                              None if sequence.zero is None else sequence.zero.apart)  # fmt: skip

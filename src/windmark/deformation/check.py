@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.deformation.extent import ends_and_jumps, uneven
 from windmark.deformation.law import BoundLaw, Law, LawError
 from windmark.deformation.parameter import Parameter
 from windmark.errors import g3
@@ -21,9 +22,6 @@ STEPS = (1.0, 0.5, 0.25, 0.125)
 """Changes tried, as part of the largest one; a smooth law's quotients agree better and better."""
 ALONE = 1e-7
 """Of the points' extent: what a point moves by rounding when it is asked for with others."""
-HALVINGS, LEFT = 24, 0.02
-"""A step that a law takes unevenly is halved so many times. What is uneven then is less than this part of what was
-where the law has a kink or rises like a root; where it jumps, it is the jump."""
 
 
 def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> tuple[str, ...]:
@@ -38,7 +36,8 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
     Returns
     -------
     tuple of str
-        Remarks that are no errors: the points move at the start values, a parameter without effect or with a kink.
+        Remarks that are no errors: the points move at the start values, a parameter without effect or with a kink, or
+        one for which the law has no place before its bound, or as far from its start as it is tried.
 
     Raises
     ------
@@ -93,6 +92,13 @@ def check_law(law: Law, xyz: ArrayLike, *, name: str = "", source: str = "") -> 
                 raise LawError(f"{label}: is not continuous in {parameter.name} near {g3(where)}")
             remarks.append(f"{label}: its slope in {parameter.name} changes near {g3(where)}, close to its start "
                            f"{parameter.start:g}: sigmas hold for one side of that")  # fmt: skip
+        if size > 0:
+            ends, jump = ends_and_jumps(
+                lambda value, j=j: bound.place(_with(q, j, value)), parameter, change, extent  # type: ignore[misc]
+            )
+            if jump is not None:
+                raise LawError(f"{label}: is not continuous in {parameter.name} near {g3(jump)}")
+            remarks += [f"{label}: {words}" for words in ends]
     return tuple(remarks)
 
 
@@ -118,26 +124,15 @@ def _check_alone(law: Law, points: Array, place: Array, q: Array, extent: float,
 def _uneven(bound: BoundLaw, q: Array, j: int, change: float, at: tuple[np.intp, ...]) -> tuple[float, bool]:
     """Where a coordinate ``at`` moves least evenly with parameter ``j`` within a change from ``q``, and whether it
     jumps there.
-
-    What the middle of an interval is off from the mean of its ends: half by half it is followed where it is largest,
-    and becomes nothing at a kink or the foot of a root, not at a jump.
     """
+    part, jumps = uneven(lambda part: float(bound.place(_with(q, j, q[j] + part * change))[at]))
+    return float(q[j] + part * change), jumps
 
-    def moved(part: float) -> float:
-        there = q.copy()
-        there[j] += part * change
-        return float(bound.place(there)[at])
 
-    low, width, off = 0.0, 1.0, []
-    values = [moved(k / 4) for k in range(5)]
-    for _ in range(HALVINGS):
-        off.append(abs(values[0] - 2.0 * values[2] + values[4]))
-        halves = values[:3], values[2:]
-        one, two = (abs(a - 2.0 * b + c) for a, b, c in halves)
-        low, width = low + (0.5 * width if two > one else 0.0), 0.5 * width
-        first, middle, last = halves[two > one]
-        values = [first, moved(low + 0.25 * width), middle, moved(low + 0.75 * width), last]
-    return float(q[j] + low * change), off[-1] > LEFT * max(off)
+def _with(q: Array, j: int, value: float) -> Array:
+    out = q.copy()
+    out[j] = value
+    return out
 
 
 def _with_options(law: Law) -> str:

@@ -82,7 +82,7 @@ class Numeric:
         for j in range(len(q)):
             ahead, behind = q.copy(), q.copy()
             ahead[j], behind[j] = high[j], low[j]
-            a, b = self.function(ahead), self.function(behind)
+            a, b = self._beside(ahead, here), self._beside(behind, here)
             # At the edge of where a law gives numbers (an arcsin near 1) one side tells.
             if not np.isfinite(a).all():
                 a, ahead = here, q
@@ -91,6 +91,13 @@ class Numeric:
             with np.errstate(invalid="ignore"):
                 out[..., j] = (a - b) / (ahead[j] - behind[j])
         return here, out
+
+    def _beside(self, q: Array, here: Array) -> Array:
+        """The points at a small change; no numbers where the law raises there."""
+        try:
+            return self.function(q)
+        except LawError:
+            return np.full_like(here, np.nan)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ CAUSES = {
     "moved": "a camera taken as fixed is not where it should be",
     "no_convergence": "the search ended before its minimum",
     "behind": "the start puts markers behind a camera",
+    "law": "a law has no place for the markers where the search ended",
 }
 """Why there is no result."""
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import Linearised, Loss
+from windmark.deformation.ends import tried
 from windmark.deformation.volumes import Placed
 from windmark.geometry import Camera, Pose
 from windmark.geometry.rotations import hat
@@ -107,7 +108,9 @@ class Sighting:
         if self._last and self._last[0] is values:
             return np.asarray(self._last[1])
         motion: Pose = values[MOTION]
-        place = self.placed.place(values[LAW])
+        place = tried(self.placed, values[LAW], self.placed.place)
+        if place is None:
+            return None
         place = in_tunnel(place, self.wall, motion)
         out = np.zeros((len(place), 2 * len(self.sights)))
         for v, s in enumerate(self.sights):
@@ -141,7 +144,10 @@ class Sighting:
     def _evaluated(self, values: Any) -> tuple[Array, Array] | None:
         from windmark.deformation._kernels import see
 
-        place, by_model = self._points(values)
+        points = self._points(values)
+        if points is None:
+            return None
+        place, by_model = points
         columns = self._columns
         residual = np.zeros((len(place), 2 * len(self.sights)))
         jacobian = np.zeros((*residual.shape, max((c.stop for c in columns.values()), default=0)))
@@ -157,10 +163,16 @@ class Sighting:
                 return None
         return residual, jacobian
 
-    def _points(self, values: Any) -> tuple[Array, Array]:
-        """Places in the tunnel (P, 3) and their derivative (P, 3, K + 6) by laws and motion, as far as free."""
+    def _points(self, values: Any) -> tuple[Array, Array] | None:
+        """Places in the tunnel (P, 3) and their derivative (P, 3, K + 6) by laws and motion, as far as free.
+
+        None where a law has none.
+        """
         motion: Pose = values[MOTION]
-        place, by_q = self.placed.linearise(values[LAW])
+        found = tried(self.placed, values[LAW], self.placed.linearise)
+        if found is None:
+            return None
+        place, by_q = found
         place = in_tunnel(place, self.wall, motion)
         laws = by_q.shape[2] * self.free_law
         by_model = np.empty((len(place), 3, laws + 6 * self.free_motion))

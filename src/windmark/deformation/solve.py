@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import Loss, Problem, SolveOptions, SolveReport, covariance, minimise
+from windmark.deformation.ends import NO_PLACE, end_words
 from windmark.deformation.outliers import critical, scale_of, test_left_out, test_used
 from windmark.deformation.result import NotIdentified
 from windmark.deformation.setup import Task
@@ -98,8 +99,11 @@ def solve(task: Task, values: dict[str, Any], shift: Array, reject: bool, near: 
     """
     used = np.ones(len(task.observations), bool)
     readmitted = np.zeros(len(used), bool)
+    task.placed.beyond.clear()
     problem = task.problem(values, shift, used, Loss())
     if sighting(problem).raw_jacobian(values) is None:
+        if words := end_words(task.placed):
+            return NotIdentified(f"{NO_PLACE}: {words}", "law")
         return NotIdentified("the start puts markers behind a camera or beyond its lens", "behind")
     if not near:
         values, _, _ = minimise(problem, values, ROUGH)
@@ -109,8 +113,9 @@ def solve(task: Task, values: dict[str, Any], shift: Array, reject: bool, near: 
         values, system, report = minimise(problem, values, FINE)
         names = free_names(problem)
         if lost := [n for n, told in zip(names, np.isfinite(np.diag(system.information)), strict=True) if not told]:
-            return NotIdentified(f"there are no numbers for a small change of {', '.join(lost)}: a law ends there",
-                                 "undetermined", tuple(lost))  # fmt: skip
+            words = end_words(task.placed)
+            return NotIdentified(f"there are no numbers for a small change of {', '.join(lost)}: a law ends there"
+                                 + (f" ({words})" if words else ""), "undetermined", tuple(lost))  # fmt: skip
         cov = covariance(system, names)
         test = test_used(task, sighting(problem), values, cov, used)
         if not reject:
@@ -137,6 +142,8 @@ def solve(task: Task, values: dict[str, Any], shift: Array, reject: bool, near: 
         used, readmitted = used | back, readmitted | back
         problem, shift = _renewed(task, values, used)
     if not report.converged:
+        if words := end_words(task.placed):  # what fits best lies beyond
+            return NotIdentified(f"{NO_PLACE}: {words}", "law")
         return NotIdentified(f"the search stopped before its minimum: {report.reason}", "no_convergence")
     return Solved(task, problem, values, cov, report, shift, used, test)
 

@@ -167,12 +167,14 @@ class Placed:
     xyz : (N, 3) undeformed
     names : (N,) their volumes
     groups : index and chain of laws of every volume that has any of the points
+    beyond : parameters that the laws had no place for lately, at most one, see `ends`
     """
 
     volumes: Volumes
     xyz: Array
     names: Texts
     groups: tuple[tuple[NDArray[np.int64], _Chain], ...]
+    beyond: list[Array] = field(default_factory=list, repr=False)
     _last: list[tuple[bytes, Array, Array]] = field(default_factory=list, repr=False)  # at most one, swapped as a whole
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -239,6 +241,11 @@ class _Chain:
     above: tuple[_Link, ...]
     steps: Array
 
+    @property
+    def columns(self) -> tuple[slice, ...]:
+        """Where the parameters stand that move the points."""
+        return self.where, *(link.where for link in self.above)
+
     def place(self, q: Array) -> Array:
         points = self.xyz if self.own is None else self.own.place(q[self.where])
         held: Array | None = None  # what is attached to a rigid body is one with it further up, too
@@ -270,7 +277,7 @@ class _Chain:
         return points, by_q
 
     def _by_differences(self, q: Array, count: int) -> tuple[Array, Array]:
-        mine = np.concatenate([np.arange(count)[s] for s in (self.where, *(link.where for link in self.above))])
+        mine = np.concatenate([np.arange(count)[s] for s in self.columns])
 
         def place(part: Array) -> Array:
             whole = q.copy()

@@ -13,6 +13,7 @@ from typing import Protocol
 from windmark import resection
 from windmark.io.errors import FileError
 from windmark.pipeline.deform.frames import instants_of, read_frame_table
+from windmark.pipeline.deform.hinges import exchanged_hinges
 from windmark.pipeline.deform.load import load
 from windmark.pipeline.deform.project import read_deform_project
 from windmark.pipeline.deform.run import wind_off_frames
@@ -20,6 +21,7 @@ from windmark.pipeline.infrared import load_infrared, read_infrared_project
 from windmark.pipeline.job import begin
 from windmark.pipeline.project import read_project
 from windmark.pipeline.psp import load_psp, read_psp_project
+from windmark.pipeline.verdict.table import hinge_words
 from windmark.scene import Mesh
 from windmark.tasks.psp.cuts import surface_of
 
@@ -54,16 +56,19 @@ def _run(path: Path) -> Iterator[FileError]:
 
 def _deform(path: Path) -> Iterator[FileError]:
     project = read_deform_project(path)
-
-    def frames() -> None:
+    try:
+        test = load(project).test
+    except FileError as error:
+        yield error
+    else:
+        names = [entry.name for entry in project.volume]
+        for volume, other in exchanged_hinges(test.markers, test.volumes).items():
+            yield FileError(path, hinge_words(volume, other), f"volume[{names.index(volume)}].options")
+    try:  # either says nothing of the other
         read_frame_table(project)
         wind_off_frames(project, instants_of(project))
-
-    for step in (lambda: load(project), frames):  # either says nothing of the other
-        try:
-            step()
-        except FileError as error:
-            yield error
+    except FileError as error:
+        yield error
 
 
 def _psp(path: Path) -> Iterator[FileError]:

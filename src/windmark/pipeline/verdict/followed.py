@@ -14,6 +14,9 @@ from windmark.pipeline.verdict.series import copies_finding
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 from windmark.scene.repeated import ONCE_MORE
 
+AT_ONCE = ("layout",)
+"""What one frame is enough to say: its numbers may be off by what no sigma has, not by a part of the noise."""
+
 
 def followed_findings(instants: Sequence[Followed], unit: str) -> list[Finding]:
     """Of the instants that have a state; ``unit`` is that of the lengths."""
@@ -40,7 +43,7 @@ def _copies(instants: Sequence[Followed]) -> list[Finding]:
 
 
 def _doubts(instants: Sequence[Followed]) -> list[Finding]:
-    """What speaks against the states, by its cause, where it does so in more than some of them.
+    """What speaks against the states, by its cause, where it does so in more than some of them, or at once.
 
     Larger residuals count from where most of them is no noise: one spot of a hundred that is 5 sigma off is certain to
     be no accident, and the covariances, which have it, hardly change by it.
@@ -53,7 +56,7 @@ def _doubts(instants: Sequence[Followed]) -> list[Finding]:
     return [
         as_finding(f"{of[0][0]}{_more(len(of))}: {of[0][1]}", cause)
         for cause, of in kinds.items()
-        if len(of) > rules.SOME * len(instants)
+        if cause in AT_ONCE or len(of) > rules.SOME * len(instants)
     ]
 
 

@@ -22,6 +22,7 @@ from windmark.tasks.deform.looking import Looking
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
 from windmark.tasks.deform.series import OF_ONE_INSTANT, Series
 from windmark.tasks.deform.sights import Usual, once_more, sight
+from windmark.tasks.deform.slipped import Slips
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, near
 from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
 from windmark.tasks.deform.task import (
@@ -109,19 +110,23 @@ class _Follower:
         self._left_out: dict[str, str] = {}  # cameras that contradict the others, and why
         self._prints: dict[str, int] = {}  # of the cameras' last pictures, see `print_of`
         self._series = Series.of(test)
+        self._slips = Slips(test)
         self._solved: Solved | None = None  # the adjustment of the last answer
         self._moved = False  # whether that is a refusal because a camera moved
 
     def handed_on(self) -> dict[str, Any]:
         """What the next frame goes on with; pictures are not."""
         series = None if self._series is None else self._series.without()
-        return {"_shots": self._looking.seen, "_series": series, **{name: getattr(self, name) for name in _HANDED_ON}}
+        own = {name: getattr(self, name) for name in _HANDED_ON}
+        return {"_shots": self._looking.seen, "_series": series, "_beyond": self._slips.beyond, **own}
 
     def take_up(self, handed_on: Mapping[str, Any]) -> None:
         """Go on with what `handed_on` gave."""
         for name, value in handed_on.items():
             if name == "_shots":
                 self._looking.shots = value
+            elif name == "_beyond":
+                self._slips.beyond = value
             else:
                 setattr(self, name, value)
 
@@ -130,8 +135,10 @@ class _Follower:
         start = job_time()
         self._last, self._solved = {}, None
         images, bad = self._looking.read(frame)
-        before, self._prints = self._prints, {**self._prints, **{n: print_of(image) for n, image in images.items()}}
-        self._copied = {n for n in images if before.get(n) == self._prints[n] and n not in frame.shots}
+        # Of a camera that took none just then the nearest picture is of another instant, where it may come once more.
+        own = {n: print_of(image) for n, image in images.items() if n not in frame.shots}
+        self._copied = {n for n, made in own.items() if self._prints.get(n) == made}
+        self._prints |= own
         self._looking.open(frame, images, bad)
         troubles = [f"{n}: {why}" for n, why in {**frame.odd, **bad}.items()]
         status, why, found, spots = "tracked", "", None, {}
@@ -155,7 +162,7 @@ class _Follower:
                 index, frame.key, frame.instant, "lost", reason, None, seconds=job_time() - start,
                 cameras=self._sights(frame, images, bad, self._last, None), series=doubts,
             )  # fmt: skip
-        state, labelled, observations, errors = found
+        state, labelled, observations, errors = self._unslipped(found, images, cold=status == "cold")
         troubles += [f"{n}: {why}" for n, why in self._left_out.items() if n in images]
         if status == "cold":
             self._usual.learn_odd(spots, self._test, labelled, state, self._hidden)
@@ -328,7 +335,14 @@ class _Follower:
             return str(answer.reason)
         self._hidden = {n: h for n in images if (h := self._hidden_from(n, answer)) is not None}
         # The markers that the labels left out, and cameras that have none, from what is known now.
-        error = {n: max(LEAST_PX, 2 * answer.rms_px) / SIGMAS for n in seen}
+        return self._there(images, answer, seen, max(LEAST_PX, 2 * answer.rms_px))
+
+    def _there(self, images: dict[str, Image], answer: Deformation, seen: dict[str, Labelled], reach_px: float) -> Any:
+        """State, spots and observations near the markers' places in a state; or why not, as text.
+
+        Those that are ``seen`` stay where most of them are not there.
+        """
+        error = dict.fromkeys(seen, reach_px / SIGMAS)
         again = self._looking.near(
             images, answer, displaced(self._test.markers, answer), error, seen, self._hidden, self._memory
         )
@@ -336,11 +350,30 @@ class _Follower:
             again = seen
         if self._test.marker_cov is None:
             self._texture = texture_of(again, answer, self._test)
-        answer, observations = self._identify(again, answer)
-        if isinstance(answer, NotIdentified):
-            return answer.reason
+        settled, observations = self._identify(again, answer)
+        if isinstance(settled, NotIdentified):
+            return settled.reason
         # Nothing is known of the motion yet: the next frame is looked for as far as it may be.
-        return implausible(answer) or (answer, again, observations, dict.fromkeys(again, MOST_PX / SIGMAS))
+        return implausible(settled) or (settled, again, observations, dict.fromkeys(again, MOST_PX / SIGMAS))
+
+    def _unslipped(self, found: Any, images: dict[str, Image], *, cold: bool) -> Any:
+        """What was found; or that with a part further on in its rows where it explains more; or that in doubt of it."""
+        state, labelled, *rest = found
+        own = {n: image for n, image in images.items() if n in labelled and n not in self._looking.shots}
+        rival = self._slips.rival(state, labelled, own, self._hidden, cold=cold)
+        if rival is None:
+            return found
+        before = self._solved, self._texture
+        other = self._there(self._believed(images), rival.state, labelled, LEAST_PX)
+        better = not isinstance(other, str) and other[0].used.sum() > state.used.sum()
+        if better and rival.sure:
+            return other
+        self._solved, self._texture = before
+        if not better:
+            return found
+        doubt = rival.doubt(state)
+        names = tuple(dict.fromkeys((*state.suspect, *doubt.names)))
+        return replace(state, doubts=(*state.doubts, doubt), suspect=names), labelled, *rest
 
     def _hidden_from(self, name: str, state: Deformation) -> NDArray[np.bool_] | None:
         if self._test.visible is None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation
+from windmark.deformation.ends import tried
 from windmark.deformation.sighting import in_tunnel
 from windmark.geometry import Pose
 from windmark.scene import MarkerSet
@@ -65,7 +66,7 @@ def predicted(memory: Memory, dt: float) -> Deformation:
         lower, upper = (np.array([getattr(p, side) for p in state.volumes.parameters]) for side in ("lower", "upper"))
         on = np.clip(q + dt * v["law"], lower, upper)
         # An arcsin beyond 1, say; the derivative is of use again in `displaced`.
-        q = on if np.isfinite(state.placed.linearise(on)[0]).all() else q
+        q = on if tried(state.placed, on, state.placed.linearise) is not None else q
     return replace(
         state, q=q,
         tunnel_from_model=Pose.exp(dt * v["motion"]) @ motion if "motion" in v else motion, cam_from_tunnel=poses,

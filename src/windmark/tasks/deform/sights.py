@@ -114,22 +114,43 @@ def sight(
         why = why_few(
             image, test, station, spots, usual.levels.get(name), before, placed, station.camera, pose, hidden
         )  # fmt: skip
+    walls = (0, 0) if not count or known is None else _walls(test, station, spots, known)
     if not count or spots.known is None:
-        return Sight(spots.expected, count, why, lag_s)
+        return Sight(spots.expected, count, why, lag_s, walls=walls)
     odd = {str(test.markers.name[m]): far for m, far in usual.odd.get(name, {}).items()}
     fields = field_shift(image, spots.xy, spots.radius_px).sure_px
-    return Sight(spots.expected, count, why, lag_s, spots.known.frame.blur_px, spots.radius_px, fields, odd)
+    return Sight(
+        spots.expected, count, why, lag_s, spots.known.frame.blur_px, spots.radius_px, fields, odd, walls=walls
+    )
+
+
+def _walls(test: DeformationTest, station: Station, spots: Labelled, state: Deformation) -> tuple[int, int]:
+    """Spots of markers on walls; and how many of these it should see, of a camera that moves and sees none."""
+    wall = test.markers.role == "wall"
+    found = int(wall[spots.marker].sum())
+    if not station.moves or not wall.any() or found:
+        return found, 0
+    camera = state.cameras.get(station.name, station.camera)
+    pose = state.cam_from_tunnel.get(station.name, station.cam_from_tunnel)
+    expected = from_camera(camera, pose, test.markers.take(np.flatnonzero(wall)), spots.radius_px)
+    if station.mask is None or not len(expected):
+        return 0, len(expected)
+    column, row = np.rint(expected.xy).astype(np.int64).T
+    height, width = station.mask.shape
+    return 0, int(np.count_nonzero(station.mask[row.clip(0, height - 1), column.clip(0, width - 1)]))
 
 
 def once_more(before: Labelled | None, now: Labelled, *, copied: bool) -> str:
     """That a camera shows what it showed before, noise and all; empty where it does not.
 
-    ``copied``: its picture is the same bit by bit. Spots of such a one may still differ by more than a part of their
-    noise, as each was looked for from its own prediction; spots tell of a copy that was compressed once more.
+    ``copied``: its picture is the same bit by bit as its last one. Spots of such a one may still differ by more than a
+    part of their noise, as each was looked for from its own prediction; spots tell of a copy that was compressed once
+    more. Those that are interpolated tell nothing: the picture may be one of those that they are between.
     """
     if before is None or not len(now.marker):
         return ""
     sigma = float(np.sqrt(np.median(np.trace(now.cov, axis1=1, axis2=2)) / 2))
-    if not copied and not is_repeated(before.marker, before.xy, now.marker, now.xy, sigma):
+    between = before.between_cov is not None
+    if not copied and (between or not is_repeated(before.marker, before.xy, now.marker, now.xy, sigma)):
         return ""
     return f"the picture before once more ({ONCE_MORE}): it is of another instant"

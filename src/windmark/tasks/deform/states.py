@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation, NotIdentified, identify
+from windmark.deformation.ends import NO_PLACE
 from windmark.deformation.solve import Solved
 from windmark.geometry import Pose
 from windmark.scene import Observations, View
@@ -85,5 +86,5 @@ def implausible(state: Deformation) -> str | None:
 
 
 def both_reasons(tracked: str, cold: str) -> str:
-    """Why neither look, near the last frame and anywhere, gave a state; once where a law lacks something."""
-    return "; ".join(part for part in ("" if _LACKS in cold else tracked, cold) if part)
+    """Why neither look, near the last frame and anywhere, gave a state; once where a law lacks something, or ends."""
+    return "; ".join(part for part in ("" if _LACKS in cold or NO_PLACE in cold else tracked, cold) if part)

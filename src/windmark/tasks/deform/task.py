@@ -190,6 +190,7 @@ class Sight:
     odd : marker without a spot, near whose place there is a spot without a marker -> distance in pixels, and about
         that in length units
     picture : tells whether another instant's picture is the same bit by bit (`print_of`); 0 for an image between two
+    walls : spots of markers on walls, and how many of these a camera that moves should see where it sees none, else 0
     """
 
     expected: int = 0
@@ -201,6 +202,7 @@ class Sight:
     fields_px: float = 0.0
     odd: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     picture: int = 0
+    walls: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, eq=False)

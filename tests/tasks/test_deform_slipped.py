@@ -1,0 +1,85 @@
+"""A part with rows of markers and a law of its own that moves by a spacing: its ends tell, and only where they do."""
+
+import numpy as np
+import pytest
+
+from windmark.deformation import Volume, Volumes, law
+from windmark.geometry import Camera, Pose
+from windmark.pipeline.deform import DeformationTest, FrameImages, Station, follow_deformation
+from windmark.scene import MarkerSet
+from windmark.synth import disc_image
+from windmark.tasks.deform.slipped import Slips
+from windmark.tasks.deform.task import LookOptions
+
+CAMERA, AWAY = Camera((400, 300), 800.0), Pose(np.eye(3), np.array([0.0, 0.0, 800.0]))
+BODY = np.array([
+    [-150, -110, 0], [-60, -95, 0], [10, -120, 0], [90, -100, 0], [150, -60, 0], [-170, -20, 0], [-150, 90, 0],
+    [-40, 115, 0], [40, 100, 0], [130, 110, 0], [-90, -50, 0], [100, 70, 0],
+], float)  # fmt: skip
+PANEL = np.array([[-70.0 + 25.0 * b, 30.0 * a, 0.0] for a in range(2) for b in range(5)])
+END, BEYOND = [0, 5], PANEL[[4, 9]] + np.array([25.0, 0.0, 0.0])
+
+
+@law(s="mm")
+def slide(X, s):
+    return X + np.array([s, 0.0, 0.0])
+
+
+def test_of():
+    xyz = np.vstack([BODY, PANEL])
+    markers = MarkerSet.make(
+        [f"m{k}" for k in range(len(xyz))], xyz, radius=5.0, normal=np.tile([0.0, 0.0, -1.0], (len(xyz), 1)),
+        volume=np.array(["body"] * len(BODY) + ["panel"] * len(PANEL)),
+    )  # fmt: skip
+    volumes = Volumes.of([Volume("body"), Volume("panel", slide, parent="body")], "mm")
+    return DeformationTest((Station("cam", CAMERA, AWAY),), markers, volumes, look=LookOptions((5.0,)))
+
+
+test_of.__test__ = False
+
+
+def image(s, panel=PANEL, body=BODY):
+    xy = CAMERA.project(AWAY.apply(np.vstack([body, panel + np.array([s, 0.0, 0.0])])))[0]
+    share = np.prod([disc_image((300, 400), place, 5.0, level=1.0, depth=0.8, blur_px=0.6) for place in xy], axis=0)
+    noise = np.random.default_rng(100 + int(10 * s) + len(panel)).normal(0.0, 1.5, share.shape)
+    return np.rint(20 + share * 200 + noise).astype(np.uint8)
+
+
+def followed(*images):
+    frames = [FrameImages(str(k), float(k), {"cam": i}) for k, i in enumerate(images)]
+    return list(follow_deformation(frames, test_of()))
+
+
+def values(frames):
+    return [float(f.state.q[0]) for f in frames]
+
+
+def test_a_jump_of_nearly_a_spacing_or_two_of_them_is_seen_by_the_ends_of_the_rows():
+    frames = followed(image(0.0), image(23.0), image(46.0), image(-3.0))
+    assert values(frames) == pytest.approx([0.0, 23.0, 46.0, -3.0], abs=0.05)
+    assert all(f.state.doubts == () and len(f.observations) == len(BODY) + len(PANEL) for f in frames)
+
+
+def test_rows_that_go_on_beyond_the_table_say_nothing_where_a_marker_is_lost():
+    more, fewer = np.vstack([PANEL, BEYOND]), np.vstack([np.delete(PANEL, END, axis=0), BEYOND])
+    frames = followed(image(0.0, more), image(2.0, more), image(4.0, fewer), image(6.0, fewer))
+    assert values(frames) == pytest.approx([0.0, 2.0, 4.0, 6.0], abs=0.05)
+    assert all(f.state.doubts == () for f in frames)
+
+
+def test_what_was_never_seen_whole_is_doubted_in_each_frame_with_its_values():
+    fewer = np.vstack([np.delete(PANEL, END, axis=0), BEYOND])
+    for frame in followed(image(0.0, fewer), image(2.0, fewer)):
+        (doubt,) = frame.state.doubts
+        assert doubt.cause == "layout"
+        assert "panel may be slipped by one spacing of 25 mm: with panel.s = 2" in str(doubt)
+        assert "2 more of its spots are explained" in str(doubt)
+
+
+def test_a_marker_that_is_lost_elsewhere_is_no_question(monkeypatch):
+    asked = []
+    monkeypatch.setattr(Slips, "_there", lambda _, image, name, *__: asked.append(name) or frozenset())
+    frames = followed(image(0.0), image(2.0), image(4.0, body=BODY[1:]))
+    assert values(frames) == pytest.approx([0.0, 2.0, 4.0], abs=0.05)
+    assert len(frames[-1].observations) == len(BODY) + len(PANEL) - 1
+    assert len(asked) == 6  # ways on, at the first frame only
