@@ -7,7 +7,7 @@ from windmark.pipeline.verdict.grid import grid_findings, grid_notes
 from windmark.scene import MarkerSet, Mesh, structured_triangles
 
 BODY, POD = ([0, 0, 0], [300, 90, 60]), ([40, 150, 90], [90, 35, 22])
-AROUND = 21
+AROUND = 29
 
 
 def unit(lon, lat):
