@@ -26,6 +26,7 @@ CAUSES = {
     "not_flat": "the dots of the board are not on one plane",
     "not_converged": "the adjustment did not reach a minimum",
     "control": "what is known of markers or distances contradicts itself",
+    "units": "a known distance is in another unit than the markers' places",
     "discs": "the table's radii contradict the ellipses in the pictures",
 }
 """Every cause of a `NotCalibrated`, in words."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust.network import NetworkState
 from windmark.adjust.network.linear import single_thread
+from windmark.calibration.bar_scale import other_unit, scale_doubts
 from windmark.calibration.changed_views import change_doubts
 from windmark.calibration.consistent import with_control
 from windmark.calibration.datum import Datum, Distance
@@ -140,6 +141,8 @@ def self_calibrate(
         tuple(free_focal), dict(prior_sigma or {}), solver,
         None if ellipses is None else np.asarray(ellipses, dtype=float), tuple(free_principal),
     )  # fmt: skip
+    if why := other_unit(job.markers, job.distances):
+        return NotCalibrated(why, "units", options=options)
     every = np.ones(len(observations), dtype=np.bool_)
     if not taking_part(job, every)[0].any():
         dropped = taking_part(job, every)[1]
@@ -277,7 +280,7 @@ def _adjusted(
                 "lens beyond the model (free more parameters)",
             )
         used = {"datum": job.datum, "distances": job.distances, "prior_sigma": dict(job.prior_sigma)}
-        doubts = (*held.doubts, *change_doubts(job, solved))
+        doubts = (*held.doubts, *scale_doubts(job, solved), *change_doubts(job, solved))
         return calibration(job, solved, good, dropped, {**options, **used}, doubts), solved
     except DegenerateGeometry as error:
         return NotCalibrated(str(error), "degenerate", error.weak, dropped, sigma0, options), None
