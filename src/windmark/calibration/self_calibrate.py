@@ -18,6 +18,7 @@ from windmark.calibration.datum import Datum, Distance
 from windmark.calibration.eccentric import radii_off
 from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.foreign import contradicting, most_foreign, of_its_own, without
+from windmark.calibration.mirrored_marks import mirrored_refusal
 from windmark.calibration.mixed import likely_mixed, two_cameras, with_mixed
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part
@@ -183,7 +184,8 @@ def _best_of_starts(job: Job, options: dict[str, Any]) -> Calibration | NotCalib
     if accepted:
         return max(accepted, key=lambda result: int(result.used.sum()))
     assert refusal is not None
-    return refusal
+    seed = options["seed"]
+    return mirrored_refusal(job, refusal, lambda turned: _attempt(turned, turned.cameras, options, seed), seed)
 
 
 def _lost_markers(result: Calibration) -> bool:
