@@ -202,3 +202,20 @@ def test_a_model_that_is_bent_is_not_said_to_be_another_size_of_pictures(seen):
     assert got.deformation is not None
     found = registered_findings(Sighting(got, spots, bent, unit="mm"))
     assert [f.cause for f in found][:1] == ["bent"]
+
+
+def test_a_camera_whose_calibration_ends_below_the_model_is_named_with_range_and_temperatures():
+    """All of its nodes are lost in all frames; the other camera's temperatures are right, and are all that is left."""
+
+    def records(frames):
+        common = {"seen": 0.3, "median_sigma_T": 0.1, "cameras": ("cam1",)}
+        return [FrameRecord(f"f{k}", k, 0.1 * k, {}, "reduced", median_T=303.0 + 0.1 * k, **common,
+                            beyond={"cam2": "279.2 to 295.8 K"} if k in frames else {}) for k in range(60)]  # fmt: skip
+
+    found = infrared_verdict(records(range(60)))
+    assert (found.word, found.cause) == ("doubtful", "lost")
+    assert found.reason == (
+        "cam2: most of the nodes that it shows have no temperature in 60 of 60 frames: beyond its calibration "
+        "(279.2 to 295.8 K); camera cam1 sees 303 to 309 K (medians)"
+    )
+    assert infrared_verdict(records([3])).word == "good"

@@ -8,7 +8,9 @@ import registration_scenes as scenes
 
 from windmark.adjust import refine_pose
 from windmark.geometry import Camera
+from windmark.pipeline.verdict.layout import layout_verdict
 from windmark.registration import register
+from windmark.registration.search.field import extents
 from windmark.scene import MarkerSet, Mesh
 from windmark.tasks.marker_check import Change, CheckSettings, Stage, advice, check, check_markers, run_campaign
 from windmark.tasks.marker_check.candidates import candidates, on_mesh
@@ -281,8 +283,38 @@ def test_markers_that_nobody_sees_and_markers_back_to_back(no_views):
     assert "close" not in kinds  # P04 and P05 are on two sides
 
 
+def ball(count=24):
+    """On a sphere, with normals out of it."""
+    way = np.random.default_rng(2).normal(size=(count, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    return MarkerSet.make([f"b{i}" for i in range(count)], 300 * way, normal=way, radius=3.0)
+
+
+@pytest.mark.parametrize(
+    ("markers", "told"),
+    [
+        (replace(ball(), normal=-ball().normal), True), (ball(), False), (grid(), False), (airplane(), False),
+        (replace(ball(), normal=-ball().normal, role=np.full(24, "wall")), False),
+    ],
+)  # fmt: skip
+def test_normals_that_point_into_the_model_are_told(no_views, markers, told):
+    found = check_markers(markers, "mm", settings=replace(FRONT, views=24, advise=False))
+    assert ("inward" in [f.kind for f in found.findings]) == told
+    assert ("discs" in [f.cause for f in layout_verdict(found).findings]) == told
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_so_few_markers_get_an_answer_and_all_three_axes(no_views, count):
+    few = grid().take(range(count))
+    found = check_markers(few, "mm", settings=replace(FRONT, views=24, advise=False))
+    assert layout_verdict(found).word == "bad"
+    axes, extent = extents(few.xyz)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    assert extent.tolist() == pytest.approx([50.0 * (count - 1), 0.0, 0.0])
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 3, 6])
+@pytest.mark.parametrize("count", [1, 2, 3, 6])
 def test_a_few_markers_are_no_layout(count):
     check = check_markers(grid().take(range(count)), "mm", settings=replace(FRONT, views=24))
     assert not check.identifiable

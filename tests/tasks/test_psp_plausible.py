@@ -137,6 +137,10 @@ def test_a_level_that_no_tap_checks_is_said_with_what_a_part_of_the_light_makes(
     said = unchecked_level(law, ratio, wall, 1e5, 293.15, STREAM)
     assert said.startswith(UNCHECKED)
     assert "1 % of the light is 0.03 in Cp" in said  # 0.01 of 0.7 / 0.8 of 1e5 Pa, over q
+    assert said.endswith("1 % of p_off 0.024, 1 K of T_off 0")  # 0.7 of 1 % of 1e5 Pa, over q
+    warm = SternVolmer(np.array([[0.2, 0.0], [0.8, 0.008]]), 1e5, 293.15, (0.0, 2e5), (280.0, 310.0))
+    said = unchecked_level(warm, ratio, wall, 1e5, 293.15, STREAM)
+    assert said.endswith("1 K of T_off 0.024")  # 0.008 times 0.7 / 0.8 of 1e5 Pa, over q
     assert "in Cp" not in unchecked_level(law, NodeField.make(np.full(9, np.nan)), wall, 1e5, 293.15, STREAM)
 
 

@@ -23,9 +23,11 @@ CAUSES = {
     "too_few": "too few marks, pictures or markers",
     "degenerate": "the pictures do not determine what was asked for",
     "misfit": "the marks do not fit any solution that was found",
+    "mirrored_marks": "the marks of pictures are mirrored, or their y is counted upward",
     "not_flat": "the dots of the board are not on one plane",
     "not_converged": "the adjustment did not reach a minimum",
     "control": "what is known of markers or distances contradicts itself",
+    "units": "a known distance is in another unit than the markers' places",
     "discs": "the table's radii contradict the ellipses in the pictures",
 }
 """Every cause of a `NotCalibrated`, in words."""

@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust.network import NetworkState
 from windmark.adjust.network.linear import single_thread
+from windmark.calibration.bar_scale import other_unit, scale_doubts
 from windmark.calibration.changed_views import change_doubts
 from windmark.calibration.consistent import with_control
 from windmark.calibration.datum import Datum, Distance
 from windmark.calibration.eccentric import radii_off
 from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.foreign import contradicting, most_foreign, of_its_own, without
+from windmark.calibration.mirrored_marks import mirrored_refusal
 from windmark.calibration.mixed import likely_mixed, two_cameras, with_mixed
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job, first_state, taking_part
@@ -140,6 +142,8 @@ def self_calibrate(
         tuple(free_focal), dict(prior_sigma or {}), solver,
         None if ellipses is None else np.asarray(ellipses, dtype=float), tuple(free_principal),
     )  # fmt: skip
+    if why := other_unit(job.markers, job.distances):
+        return NotCalibrated(why, "units", options=options)
     every = np.ones(len(observations), dtype=np.bool_)
     if not taking_part(job, every)[0].any():
         dropped = taking_part(job, every)[1]
@@ -180,7 +184,8 @@ def _best_of_starts(job: Job, options: dict[str, Any]) -> Calibration | NotCalib
     if accepted:
         return max(accepted, key=lambda result: int(result.used.sum()))
     assert refusal is not None
-    return refusal
+    seed = options["seed"]
+    return mirrored_refusal(job, refusal, lambda turned: _attempt(turned, turned.cameras, options, seed), seed)
 
 
 def _lost_markers(result: Calibration) -> bool:
@@ -277,7 +282,7 @@ def _adjusted(
                 "lens beyond the model (free more parameters)",
             )
         used = {"datum": job.datum, "distances": job.distances, "prior_sigma": dict(job.prior_sigma)}
-        doubts = (*held.doubts, *change_doubts(job, solved))
+        doubts = (*held.doubts, *scale_doubts(job, solved), *change_doubts(job, solved))
         return calibration(job, solved, good, dropped, {**options, **used}, doubts), solved
     except DegenerateGeometry as error:
         return NotCalibrated(str(error), "degenerate", error.weak, dropped, sigma0, options), None

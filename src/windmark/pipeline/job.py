@@ -23,6 +23,7 @@ from windmark.pipeline.merge import MergeResult, merge_images
 from windmark.pipeline.points import PointSet, load_points, read_lists
 from windmark.pipeline.project import Project
 from windmark.pipeline.results import FramedView, ImageResult, RunResult
+from windmark.pipeline.verdict.grid import grid_notes
 from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.resection import PixelMap
 
@@ -115,6 +116,9 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             framed, pixels, lost = map_views(framed, inputs.mesh)
     shown = framed if pixels else ()
     images, merged = _mapped(images, inputs, shown, pixels, points, threads, clock, progress, start.walls)
+    if inputs.markers is not None and inputs.mesh is not None and project.grid is not None:
+        said = grid_notes(inputs.markers, inputs.mesh, project.length_unit)
+        notes += tuple((project.grid.file, text) for text in said)
     notes += tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged,
                      lost, sides)  # fmt: skip

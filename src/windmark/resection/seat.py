@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import UsageError
 from windmark.geometry import Pose, Similarity
 from windmark.resection.facets import bulge
+from windmark.resection.mirrored import Mirrored, mirrored
 from windmark.resection.nearest import Search, nearest_weights
 from windmark.scene import Mesh
 
@@ -60,6 +61,9 @@ class Seat:
     axes : exchange of axes (3, 3) of the surface that brings the points onto it; None where none does
     off : points, of those given, that are above or below the surface on which they should be
     by : how much, for each of them
+    hanging : points, of those given, that are far beside the surface: in the air, or on what the grid has not
+    apart : how far, for each of them; a quarter of the size for all that are farther
+    mirror : the mirror image of the surface that goes through those which it is beside; None where none does
     """
 
     distance: Array
@@ -71,6 +75,9 @@ class Seat:
     axes: NDArray[np.int64] | None = None
     off: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     by: Array = field(default_factory=lambda: np.zeros(0))
+    hanging: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    apart: Array = field(default_factory=lambda: np.zeros(0))
+    mirror: Mirrored | None = None
 
     @property
     def most(self) -> float:
@@ -117,29 +124,43 @@ def seat(mesh: Mesh, xyz: ArrayLike, normal: ArrayLike | None = None) -> Seat:
     search = Search(mesh)
     distance, place, towards = _onto(search, points, FAR * size)
     off = np.flatnonzero(_is_off(points - place, towards, facing, size))
-    found, close = Seat(distance, size, off=every * off, by=distance[off]), distance < NEAR * size
+    close = distance < NEAR * size
+    hanging = np.flatnonzero(~close)
+    found = Seat(distance, size, off=every * off, by=distance[off], hanging=every * hanging, apart=distance[hanging])
     near, tried = points[close], []
     if len(near) >= LEAST and np.sqrt((distance[close] ** 2).mean()) > 2 * ROUNDING * size:
         tried = [_brought(search, near, size, numbers) for numbers in (6, 7)]
         tried = [one for one in tried if one.lead > 0 and one.left < 0.5 * OFF * size]
-    if tried or len(off) or found.most > OFF * size:
+    if tried or len(off) or len(hanging) or found.most > OFF * size:
         beyond = _beyond_facets(mesh, search, points, distance)
         if tried:
             best = max(tried, key=lambda t: t.lead)
             before, after = (max(float(np.sqrt((d[close] ** 2).mean())), ROUNDING * size) for d in (distance, beyond))
             if best.lead > len(near) * np.log(before / after):
-                return replace(best, distance=distance, off=found.off, by=found.by)
+                return replace(found, moved=best.moved, lead=best.lead, shift=best.shift, left=best.left)
         still = off[beyond[off] > OFF * size]
-        found = Seat(beyond, size, off=every * still, by=beyond[still])
+        found = replace(found, distance=beyond, off=every * still, by=beyond[still])
+        found = replace(found, mirror=_mirrored(mesh, search, points, beyond))
     return replace(found, axes=_exchanged(search, points, size)) if found.most > OFF * size else found
 
 
-def _beyond_facets(mesh: Mesh, search: Search, points: Array, distance: Array) -> Array:
+def _mirrored(mesh: Mesh, search: Search, points: Array, distance: Array) -> Mirrored | None:
+    """See `mirrored`; only what lies off the surface by more than its facets and the table's rounding tells it."""
+    size = mesh.size
+
+    def from_it(some: Array) -> Array:
+        apart = _onto(search, some, NEAR * size)[0]
+        return _beyond_facets(mesh, search, some, apart, NEAR)
+
+    return mirrored(mesh, points, distance > OFF * size, OFF * size, from_it)
+
+
+def _beyond_facets(mesh: Mesh, search: Search, points: Array, distance: Array, limit: float = FAR) -> Array:
     """(N,) distance from what lies between the facets and the curved surface that they stand for: what is on that one
-    is above them, the more the coarser the grid is.
+    is above them, the more the coarser the grid is. Of points farther than a part ``limit`` of the size it is as given.
     """
-    asked = np.flatnonzero(distance < FAR * mesh.size)
-    found = [search.nearest(p, np.full(3, np.nan), "", FAR * mesh.size) for p in points[asked]]
+    asked = np.flatnonzero(distance < limit * mesh.size)
+    found = [search.nearest(p, np.full(3, np.nan), "", limit * mesh.size) for p in points[asked]]
     there = np.array([k for k, one in zip(asked, found, strict=True) if one is not None], np.int64)
     at = [one for one in found if one is not None]
     out = distance.copy()

@@ -17,7 +17,15 @@ from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.record import REDUCED, FrameRecord
 from windmark.pipeline.infrared.stuck import stuck_pixels, stuck_words
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
-from windmark.tasks.infrared import FLAGS, SATURATED, UNSEEN, CameraTemperature, frame_temperatures, merged_temperature
+from windmark.tasks.infrared import (
+    BEYOND,
+    FLAGS,
+    SATURATED,
+    UNSEEN,
+    CameraTemperature,
+    frame_temperatures,
+    merged_temperature,
+)
 from windmark.tasks.psp import ModelPicture, Sampling, moved_grid
 
 Array = NDArray[np.float64]
@@ -66,6 +74,7 @@ def run_frame(run: InfraredRun, frame: DeformedFrame, images: FrameImages, pictu
         xy = one.lens.project(one.cam_from_tunnel.apply(mesh.vertices))[0]
         remarks += stuck_words(one.name, stuck[one.name], xy, (found[one.name].flags & UNSEEN) == 0)
     cameras = {name: of for name, of in found.items() if not _refused(run, name, of, remarks)}
+    beyond = {name: _range(run, name) for name, of in found.items() if _most_lost(of) == BEYOND}
     merged = merged_temperature(cameras)[0] if cameras else None
     if merged is None:
         raise DataError("; ".join(remarks) or f"no node has a temperature: {_why(found)}")
@@ -76,6 +85,7 @@ def run_frame(run: InfraredRun, frame: DeformedFrame, images: FrameImages, pictu
         float(known[used].mean()), tuple(cameras), float(np.median(field.value[known])),
         float(np.median(field.sigma[known])), apart=merged.apart, causes={"T": dominant(field)},
         followed=Followed.of(frame, f"frame {frame.key}", run.deforming.test), seconds=working_time() - began,
+        beyond=beyond,
     )  # fmt: skip
     return FrameOutcome(mesh.vertices, cameras, record)
 
@@ -105,19 +115,27 @@ def _refused(run: InfraredRun, name: str, of: CameraTemperature, remarks: list[s
         remarks.append(f"{name}: {g3(100 * full)} % of the nodes that it shows are saturated or on pixels that do not "
                        f"count; at most {100 * run.project.sampling.max_saturated:g} % may be")  # fmt: skip
         return True
-    lost = shown & ~of.field.known
-    if lost.sum() > 0.5 * count:
-        bits = {bit: int((of.flags[lost] & bit > 0).sum()) for bit in FLAGS}
-        worst = max(bits, key=lambda bit: bits[bit])
-        remarks.append(f"{name}: {100 * bits[worst] / count:.0f} % of the nodes that it shows have no temperature: "
-                       f"{FLAGS[worst]}{_range(run, name) if FLAGS[worst].startswith('beyond') else ''}")  # fmt: skip
+    if worst := _most_lost(of):
+        share = float(np.mean((of.flags[shown] & worst > 0) & ~of.field.known[shown]))
+        why = (f" ({_range(run, name)}): its numbers are not those that the calibration is of, units are mixed, or "
+               "the surface reflects less than it is said to") if worst == BEYOND else ""  # fmt: skip
+        remarks.append(f"{name}: {100 * share:.0f} % of the nodes that it shows have no temperature: "
+                       f"{FLAGS[worst]}{why}")  # fmt: skip
     return not of.field.known.any()
+
+
+def _most_lost(of: CameraTemperature) -> int:
+    """Bit of the reason why most of the nodes that a camera shows have no temperature; 0 where most have one."""
+    shown = (of.flags & UNSEEN) == 0
+    lost = shown & ~of.field.known
+    if not shown.any() or lost.sum() <= 0.5 * shown.sum():
+        return 0
+    return max(FLAGS, key=lambda bit: int((of.flags[lost] & bit > 0).sum()))
 
 
 def _range(run: InfraredRun, name: str) -> str:
     low, high = run.sensors[name].radiance.t_range
-    return (f" ({low:.4g} to {high:.4g} K): its numbers are not those that the calibration is of, units are mixed, or "
-            "the surface reflects less than it is said to")  # fmt: skip
+    return f"{low:.4g} to {high:.4g} K"
 
 
 def _why(found: dict[str, CameraTemperature]) -> str:

@@ -33,6 +33,7 @@ class FrameRecord:
     followed : what was said of the model's markers
     seconds : of the frame's temperatures
     repeated : cameras whose picture repeats the one before, and does not count
+    beyond : camera that lost most of its nodes to the ends of its calibration -> that range, in words
     """
 
     key: str
@@ -55,3 +56,4 @@ class FrameRecord:
     followed: Followed = NOTHING
     seconds: float = 0.0
     repeated: tuple[str, ...] = ()
+    beyond: Mapping[str, str] = field(default_factory=dict)

@@ -5,23 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark.errors import g2, g3
-from windmark.pipeline.alike import listed
+from windmark.pipeline.alike import NAMED, listed
 from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
-from windmark.resection.seat import OFF, Seat, seat
+from windmark.resection.bodies import Unborne, unborne
+from windmark.resection.seat import FAR, NEAR, OFF, Seat, seat
 from windmark.scene import MarkerSet, Mesh
-from windmark.scene.doubled import part_of
+from windmark.scene.doubled import part_of, zone_of
 from windmark.scene.lone_nodes import LoneNode, lone_nodes, where
 from windmark.scene.units import spelt
 
 _STEP = "bring grid and table of markers into one frame, at one size: pictures are mapped to the grid where it stands"
 
 
-def grid_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
-    """Nodes far from all their neighbours; markers and grid in different units, or the markers beside its surface."""
+def grid_findings(
+    markers: MarkerSet, mesh: Mesh, unit: str, seen: NDArray[np.bool_] | None = None
+) -> list[Finding]:
+    """Nodes far from all their neighbours; markers and grid in different units, or the markers beside its surface; a
+    body that is there as the mirror image of another one only. ``seen``: (V,) nodes that a picture shows; None for all.
+    """
     model = markers.take(markers.role != "wall")
     if not (len(model) and len(mesh.triangles)):
         return []
@@ -30,7 +36,61 @@ def grid_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
     theirs = np.asarray(np.isin(mesh.triangles, [n.node for n in nodes]).any(axis=1))
     rest = part_of(mesh, ~theirs) if nodes else mesh
     seated = units_findings(markers, rest, unit) or _beside(seat(rest, model.xyz, model.normal), model, unit)
-    return [*_alone(mesh, nodes, unit), *seated]
+    return [*_alone(mesh, nodes, unit), *(seated or _copied(markers, rest, unit, seen))]
+
+
+def grid_notes(markers: MarkerSet, mesh: Mesh, unit: str) -> list[str]:
+    """What of markers and grid nothing checks, in words: markers far beside the surface where that is no doubt of it
+    (a part that the grid has not), and bodies that bear none.
+    """
+    model = markers.take(markers.role != "wall")
+    if not (len(model) and len(mesh.triangles)) or likely_unit(model.xyz, model_box(mesh), unit)[0]:
+        return []
+    found = seat(mesh, model.xyz, model.normal)
+    if found.mirror is not None or found.moved is not None or found.most > OFF * found.size:
+        return []  # a finding says it
+    out = []
+    if len(found.hanging):
+        out.append(
+            f"{_hanging(found, model, unit)}: on a part that the grid has not, or that it has elsewhere; the others do"
+            " not tell which"
+        )
+    bare = [_name(mesh, body) for body in unborne(mesh, markers.xyz, NEAR * mesh.size)]
+    if bare:
+        said = listed("part", list(dict.fromkeys(bare)))
+        out.append(f"without a marker, and touching nothing that has one: {said}; that it is there is taken from the "
+                   "grid")  # fmt: skip
+    return out
+
+
+def _name(mesh: Mesh, body: Unborne) -> str:
+    return zone_of(mesh, int(body.triangles[0]))
+
+
+def _copied(markers: MarkerSet, mesh: Mesh, unit: str, seen: NDArray[np.bool_] | None) -> list[Finding]:
+    """Bodies without a marker that are mirror images of one with markers: a grid that was completed by symmetry."""
+    out = []
+    for body in unborne(mesh, markers.xyz, NEAR * mesh.size):
+        if body.of < 0 or not (seen is None or seen[mesh.triangles[body.triangles]].any()):
+            continue
+        name, other = _name(mesh, body), zone_of(mesh, body.of)
+        said = f"{name} bears no marker and is the mirror image of {other}, which bears some, about {'xyz'[body.axis]} "
+        said += f"= {g3(_zero(body.about, mesh.size))} {unit}: a half model, or one with a part on one side, has none"
+        step = "leave it out of the grid ([grid] volumes) if the tunnel has no such body: its values are those of what "
+        out.append(Finding(DOUBTFUL, "grid", said, f"{step}is behind it; else put a marker on it"))
+    return out
+
+
+def _zero(value: float, size: float) -> float:
+    return 0.0 if abs(value) < OFF * size else value
+
+
+def _hanging(found: Seat, markers: MarkerSet, unit: str) -> str:
+    """Which markers hang how far beside the grid."""
+    first = found.hanging[np.argsort(-found.apart, kind="stable")]
+    over = "over " if found.apart.max() >= FAR * found.size else "up to "
+    said = f"{len(first)} of {len(markers)} markers are {over}{g2(found.apart.max())} {unit} beside the grid's surface"
+    return f"{said} ({', '.join(markers.name[first[:NAMED]].tolist())}{', ...' if len(first) > NAMED else ''})"
 
 
 def units_findings(markers: MarkerSet, mesh: Mesh, unit: str) -> list[Finding]:
@@ -73,6 +133,8 @@ def _beside(found: Seat, markers: MarkerSet, unit: str) -> list[Finding]:
         said = f"the grid goes through the markers where it is {moved} ({found.lead:.0f} nats "
         said += f"ahead of scatter): it stands about {g2(found.shift)} {unit} beside them, and so do all values"
         return [Finding(DOUBTFUL, "grid", said, _STEP)]
+    if found.mirror is not None:
+        return [_mirror(found, markers, unit)]
     if found.most > OFF * found.size:
         step = "see that it is this model's grid and in the table's frame: values are off by that, times the slant"
         return [Finding(DOUBTFUL, "grid", off, step)]
@@ -83,6 +145,19 @@ def _beside(found: Seat, markers: MarkerSet, unit: str) -> list[Finding]:
         step = "take a grid of the state that the table is of (bending, flaps, all parts in place and in one unit), or "
         return [Finding(DOUBTFUL, "grid", said, f"{step}correct the table: values there are from beside their place")]
     return []
+
+
+def _mirror(found: Seat, markers: MarkerSet, unit: str) -> Finding:
+    mirror = found.mirror
+    assert mirror is not None
+    axis = "xyz"[mirror.axis]
+    off = f"{mirror.gained} markers are off the grid's surface"
+    off = _hanging(found, markers, unit) if len(found.hanging) else off
+    plane = f"about {axis} = {g3(_zero(mirror.about, found.size))} {unit}"
+    rest = f"all but {mirror.still} of the markers" if mirror.still else "all markers"
+    said = f"{off}; mirrored {plane} it goes through {rest}: the grid, or the table, is mirrored"
+    step = f"give the grid (or the table) its other sign of {axis}: pictures are mapped to the grid where it stands"
+    return Finding(DOUBTFUL, "grid", said, step)
 
 
 def _motion(found: Seat, xyz: np.ndarray, unit: str) -> str:

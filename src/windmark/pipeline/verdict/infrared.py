@@ -36,7 +36,7 @@ def infrared_verdict(
             "see the reason; run windmark register on one of its pictures",
         )
     lost = [(r.key, r.reason) for r in records if r.status != "reduced"]
-    found = [*grid, *_repeated(records), *lost_findings(lost, len(records), "frames")]
+    found = [*grid, *_beyond(good), *_repeated(records), *lost_findings(lost, len(records), "frames")]
     found += followed_findings([r.followed for r in good], unit)
     if (seen := middle([r.seen for r in good])) < rules.COVERED * max(r.seen for r in good):
         found.append(
@@ -87,6 +87,25 @@ def unit_findings(odd: Sequence[OddUnit], surroundings_K: float) -> list[Finding
         )
         for o in odd
     ]
+
+
+def _beyond(good: Sequence[FrameRecord]) -> list[Finding]:
+    """Cameras that lost most of their nodes to the ends of their calibration: the others are all that there is then."""
+    out = []
+    for name in dict.fromkeys(c for r in good for c in r.beyond):
+        of = [r for r in good if name in r.beyond]
+        if len(of) <= rules.LOST * len(good):
+            continue
+        kelvin = [r.median_T for r in of]
+        others = sorted({c for r in of for c in r.cameras} - {name})
+        see = "see" if len(others) > 1 else "sees"
+        shown = f"{listed('camera', others)} {see}" if others else "the rest of them have"
+        words = (f"{name}: most of the nodes that it shows have no temperature in {len(of)} of {len(good)} frames: "
+                 f"beyond its calibration ({of[0].beyond[name]}); {shown} {g3(min(kelvin))} to {g3(max(kelvin))} K "
+                 "(medians)")  # fmt: skip
+        step = f"calibrate {name} over the model's temperatures (black bodies above and below them), or correct the "
+        out.append(Finding(DOUBTFUL, "lost", words, f"{step}unit or offset of its numbers; else leave it out"))
+    return out
 
 
 def _repeated(records: Sequence[FrameRecord]) -> list[Finding]:

@@ -25,6 +25,7 @@ REFUSALS = {
     "misfit": "noise",
     "not_converged": "no match",
     "control": "control",
+    "units": "units",
     "discs": "discs",
     "not_flat": "table",
     "no_pair": "no match",
@@ -33,6 +34,7 @@ REFUSALS = {
     "line": "one-sided",
     "not_found": "no match",
     "mirrored": "mirrored",
+    "mirrored_marks": "mirrored",
     "ambiguous": "layout",
     "poses": "moved",
     "focal": "focal",
@@ -215,12 +217,14 @@ def _refused(reason: str, cause: str, blurred: Sequence[Finding]) -> Verdict:
         "mirrored": "correct the sign of that axis in the table of primaries",
         "focal": "give the focal length that was found, or let it adjust (--free focal_px)",
         "lens": STEPS["lens"],
+        "mirrored_marks": "count x to the right and y downward from the first pixel's centre, in pictures as the "
+        "camera stores them; see the signs of the table's axes",
+        "units": "give the distance (--distance) in the unit of the table of markers (--unit)",
         "table": "use one flat board; or mark three of its dots (--board-marks): then it is measured, and may be bent",
         "one-sided": "give the place of one more marker, beside that line", "few": "more pictures and markers",
         "weak": "pictures from more sides and distances",
     }  # fmt: skip
     at = REFUSALS.get(cause, "no match")
     why = [replace(f, word=BAD, reason=f"{f.reason}; {reason}") for f in blurred[:1]]
-    return Verdict.of(
-        [*why, Finding(BAD, at, reason, steps.get(at, "see the reason; windmark detect shows the spots"))], 1, "", ""
-    )
+    step = steps.get(cause, steps.get(at, "see the reason; windmark detect shows the spots"))
+    return Verdict.of([*why, Finding(BAD, at, reason, step)], 1, "", "")

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from windmark.paint.cameras import cameras_apart
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict import rules
@@ -27,7 +30,8 @@ def run_verdict(result: RunResult) -> Verdict:
     for item in result.images:
         found += [f.at(item.name) for f in _image(item, result)]
     if result.markers is not None and result.mesh is not None:
-        beside = grid_findings(result.markers, result.mesh, result.project.length_unit)
+        seen = _seen(result)
+        beside = grid_findings(result.markers, result.mesh, result.project.length_unit, seen)
         # Of a grid that hides the wrong markers no picture may be registered: it is the reason then.
         tried = [item for item in result.images if item.registration is not None]
         none = bool(tried) and all(item.registered is None for item in tried)
@@ -57,6 +61,12 @@ def run_verdict(result: RunResult) -> Verdict:
         step = f"give {table}, and look at the grid over the picture"
         found.append(Finding(DOUBTFUL, "few", NOTHING_MATCHED, step))
     return Verdict.of(found, len(result.images), *_good(result))
+
+
+def _seen(result: RunResult) -> NDArray[np.bool_] | None:
+    """(V,) nodes that a picture shows; None where nothing was mapped."""
+    shown = [item.nodes.visible for item in result.images if item.nodes is not None]
+    return np.any(shown, axis=0) if shown else None
 
 
 def _contradicted(merged: Sequence[MergedViews]) -> list[Finding]:

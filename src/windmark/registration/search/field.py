@@ -36,7 +36,8 @@ open by more than that, and where the pose is told, which takes up whatever is l
 def extents(xyz: Array) -> tuple[Array, Array]:
     """Principal axes (3, 3) of markers (N, 3) as rows, widest first, and the extent (3,) along each."""
     from_centre = xyz - xyz.mean(axis=0)
-    axes = np.linalg.svd(from_centre, full_matrices=False)[2]
+    # Of fewer than three markers the axes that they do not span, too.
+    axes = np.linalg.svd(from_centre, full_matrices=len(xyz) < 3)[2]
     return axes, np.ptp(from_centre @ axes.T, axis=0)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from windmark.calibration import Calibration, Distance, NotCalibrated, self_calibrate
+from windmark.calibration.bar_scale import other_unit
 from windmark.calibration.datum import Datum
 from windmark.calibration.lens_choice import LensTried
 from windmark.calibration.quality import SplitHalf, split_half
@@ -70,7 +71,7 @@ class Calibrated:
 
 
 def check_asked(markers: MarkerSet, settings: CalibrateSettings) -> None:
-    """What can be known to be wrong before a picture is looked at: names, sigmas and bars of the datum.
+    """What can be known to be wrong before a picture is looked at: names, sigmas, bars of the datum and their unit.
 
     Raises
     ------
@@ -84,6 +85,8 @@ def check_asked(markers: MarkerSet, settings: CalibrateSettings) -> None:
     job.chosen(settings.datum.markers, "datum")
     job.known_sigma()
     bars_of(job)
+    if why := other_unit(markers, settings.distances):
+        raise UsageError(why)
 
 
 def calibrate_marks(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import g2, g3
+from windmark.scene import MarkerSet
 from windmark.tasks.marker_check.campaign import FEWEST_LEFT, Campaign
 from windmark.tasks.marker_check.rivals import name_list
 from windmark.tasks.marker_check.settings import azimuth_elevation_deg
@@ -19,6 +20,9 @@ FEWEST = 8
 TOO_CLOSE_RADII = 3.0
 TOO_CLOSE_PX = 8.0
 """Centres nearer than this in a typical image: their discs, or the windows they are fitted in, touch."""
+INWARD, CLEARLY = 0.9, 0.3
+"""Part of the normals that point to the middle of the markers, of those that point clearly to or from it (by the cosine
+of their angle), from which all are turned round: from a model's surface they point away, but for hollow parts."""
 FLAT, ON_LINE = 0.01, 1e-3
 """Thickness and width of a set of markers over its length."""
 
@@ -49,8 +53,8 @@ def table_findings(stage: Stage, campaign: Campaign, never_seen: NDArray[np.bool
     scale_px : pixels per length unit in a typical view
     """
     parts = (
-        _too_few(stage), _shape(stage.markers.xyz), _too_close(stage, scale_px), _never(stage, never_seen),
-        _unknown(stage), _few_in_sight(stage, campaign),
+        _too_few(stage), _inward(stage.markers), _shape(stage.markers.xyz), _too_close(stage, scale_px),
+        _never(stage, never_seen), _unknown(stage), _few_in_sight(stage, campaign),
     )  # fmt: skip
     return [finding for part in parts for finding in part]
 
@@ -60,6 +64,24 @@ def _too_few(stage: Stage) -> list[Finding]:
     if n >= FEWEST:
         return []
     return [Finding("few", f"{n} markers: too few to be told from chance; give at least {FEWEST}, better 20")]
+
+
+def _inward(markers: MarkerSet) -> list[Finding]:
+    """Normals that point into the model; those of walls, which surround the cameras, point to their middle."""
+    known = np.isfinite(markers.normal).all(axis=1) & (markers.role != "wall")
+    xyz, normal = markers.xyz[known], markers.normal[known]
+    if len(xyz) < FEWEST:
+        return []
+    away = xyz - xyz.mean(axis=0)
+    length = np.linalg.norm(away, axis=1)
+    cosine = np.einsum("nk,nk->n", away, normal)[length > 0] / length[length > 0]
+    clear = cosine[np.abs(cosine) > CLEARLY]
+    if 2 * len(clear) < len(xyz) or (clear < 0).mean() < INWARD:
+        return []
+    count = int((clear < 0).sum())
+    return [Finding("inward", f"{count} of {len(clear)} normals that point clearly to or from the middle of the markers"
+                              " point to it: the normals of the table point into the model, or the markers are on"
+                              " walls that surround the cameras")]  # fmt: skip
 
 
 def _shape(xyz: Array) -> list[Finding]:

@@ -129,14 +129,22 @@ def unchecked_level(
     law: SternVolmer | TunnelGain, ratio: NodeField, temperature: NodeField, p_off: float, t_off: float,
     stream: TunnelConditions,
 ) -> str:  # fmt: skip
-    """What is in the pressure of a point unseen where no tap is compared with it, and how much that makes in Cp."""
+    """What is in the pressure of a point unseen where no tap is compared with it, and how much that makes in Cp.
+
+    The pressure and temperature of the wind-off pictures (``p_off``, ``t_off``) are as good as the table of points has
+    them: they have no sigma there, so what an error of them makes is said.
+    """
     words = (f"{UNCHECKED}no tap is compared with it, and lamps, exposure or dark level that changed between wind-off "
-             "and wind-on are in it unseen")  # fmt: skip
+             "and wind-on are in it unseen, as are errors of p_off and T_off")  # fmt: skip
     on = ratio.known & temperature.known
     if not isinstance(law, SternVolmer) or not on.any():
         return words
-    slope = law.invert(ratio.value[on], temperature.value[on], p_off=p_off, t_off=t_off).by_ratio * ratio.value[on]
-    return f"{words}: 1 % of the light is {g2(0.01 * float(np.nanmedian(np.abs(slope))) / stream.q_inf)} in Cp"
+    by = law.invert(ratio.value[on], temperature.value[on], p_off=p_off, t_off=t_off)
+    light, off, cold = (
+        g2(float(np.nanmedian(np.abs(slope))) / stream.q_inf)
+        for slope in (0.01 * by.by_ratio * ratio.value[on], 0.01 * p_off * by.by_p_off, by.by_t_off)
+    )
+    return f"{words}: 1 % of the light is {light} in Cp, 1 % of p_off {off}, 1 K of T_off {cold}"
 
 
 def fitted_level(law: SternVolmer | TunnelGain, flicker: float) -> list[str]:
