@@ -16,6 +16,19 @@ def test_a_plateau_below_the_largest_number_is_where_it_clips():
     assert clipped_level(picture(10_000)) == np.inf
 
 
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_what_is_brighter_than_the_level_where_it_clips_hides_it_not(kind):
+    """A hot pixel; a number that was written into the picture."""
+    clipped = picture(240).astype(kind)
+    clipped[3, 4] = 900
+    assert clipped_level(clipped) == 240
+    clipped[40:46, 10:60] = 1000
+    assert clipped_level(clipped) == 240
+    bright = picture(10_000).astype(kind)
+    bright[40:46, 10:60] = 1000
+    assert clipped_level(bright) == 1000
+
+
 @pytest.mark.parametrize("factor", [16, 257])
 def test_levels_that_lie_several_apart_clip_only_where_they_pile_up(factor):
     """Twelve bits in sixteen, or eight: one below the largest level there is no pixel, and a few dozen are at it."""

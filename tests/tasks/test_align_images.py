@@ -246,3 +246,17 @@ def test_wrong_usage_is_said(pictures):
         given(x, x, pairs=np.zeros((3, 2), int))
     with pytest.raises(ValueError, match="numbers of spots, 0 to 8"):
         given(x, x, pairs=np.array([[0, 9]]))
+
+
+def test_saturated_pixels_have_no_value_in_the_aligned_picture():
+    markers = layout()
+    first, second = (shot(p, markers=markers, noise=1.0, seed=k) for k, p in enumerate((still_place, bent)))
+    clipped = np.clip(np.rint(second), 0, 165).astype(np.uint8)
+    share = (clipped == 165).mean()
+    assert 0.02 < share < 0.3
+    answer = wm.align_images(clipped, np.rint(first).astype(np.uint8), radius_px=4.0)
+    whole = wm.align_images(np.rint(second).astype(np.uint8), np.rint(first).astype(np.uint8), radius_px=4.0)
+    lost = np.isnan(answer.image) & np.isfinite(whole.image)
+    assert share < lost.mean() < 3 * share
+    known = np.isfinite(answer.image) & np.isfinite(whole.image)
+    assert np.abs(answer.image - whole.image)[known].max() < 6.0

@@ -17,6 +17,7 @@ SAMPLE = 20_000  # pixels that say what an image's levels and noise are, to abou
 BLOCK_ROWS = 32  # converted at a time: they stay in the cache
 DEAD_NOISE = 10.0  # a dead pixel leaves the range of its neighbours by so many times the noise
 DEAD_RATIO = 5.0  # and by so many times that range: the smallest disc, blurred by 0.4 px, does so 2.8 times
+LEAST_DEAD = 0.02  # part of an image's range by which a dead pixel leaves that of its neighbours
 MOST_DEAD = 0.01  # part of a sensor's pixels: one with more has no picture
 PAIR_RATIO = 8.0  # the same of two neighbours: a point of light of 0.5 px between them does so 6.4 times
 Pixels = NDArray[np.float32]
@@ -164,7 +165,8 @@ def dead_pixels(image: ArrayLike) -> NDArray[np.bool_] | None:
     if sample.size == 0:
         return None
     levels = levels_of(grey, 1.0, None, sample)
-    found = dead.dead_pixels(_shifted(grey, None, 1.0, levels.offset)[0], levels.dead, DEAD_RATIO, PAIR_RATIO)
+    least = max(levels.dead, LEAST_DEAD * float(np.ptp(sample)))  # noise that compression has taken away limits nothing
+    found = dead.dead_pixels(_shifted(grey, None, 1.0, levels.offset)[0], least, DEAD_RATIO, PAIR_RATIO)
     if not 0 < len(found) <= MOST_DEAD * grey.size:
         return None
     out = np.zeros(grey.shape, bool)

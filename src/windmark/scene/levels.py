@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-PLATEAU, STEP = 20, 5
-"""So many pixels at a picture's largest level, and so many times as many as at the next lower one that it has, are a
-clipped picture. The next lower one: levels of a sensor of fewer bits lie several apart."""
+PLATEAU, STEP, NEXT = 20, 5, 8
+"""So many pixels at a level, and so many times as many as at the next lower ones that it has, the usual one of so many,
+are a clipped picture. That it has: levels of a sensor of fewer bits lie several apart."""
 
 NOISY = 0.2
 """Part of second differences of two levels and more: white noise of a third of a level has one in seven, of half a
@@ -35,13 +35,31 @@ def clipped_level(picture: NDArray[np.generic]) -> float:
     """
     if picture.dtype.kind not in "uif" or not picture.size:
         return float("inf")
-    top = np.fmax.reduce(picture, axis=None)
-    count = int((picture == top).sum())
-    if not PLATEAU <= count < picture.size:
-        return float("inf")
-    rest = picture[picture < top]
-    below = int((rest == rest.max()).sum()) if rest.size else count
-    return float(top) if count > STEP * below and _has_noise(picture, top) else float("inf")
+    top = _lowest_plateau(picture)
+    return float(top) if top is not None and _has_noise(picture, top) else float("inf")
+
+
+def _lowest_plateau(picture: NDArray[np.generic]) -> np.generic | None:
+    """The lowest of the levels at which pixels pile up, with hardly a pixel above that is at none of them.
+
+    A hot pixel, or what was written into a picture, may be above the level at which it is clipped.
+    """
+    some = picture.ravel()[:: max(1, picture.size // 10_000)]
+    some = np.sort(some[np.isfinite(some)])
+    if not len(some):
+        return None
+    for share in (0.98, 0.5, 0.0):  # few levels are enough of most pictures
+        levels, counts = np.unique(picture[picture >= some[int(share * (len(some) - 1))]], return_counts=True)
+        if len(levels) > 2 * NEXT:
+            break
+    levels, counts = levels[::-1], counts[::-1]
+    found, above = None, 0
+    for k in range(len(levels) - 1):
+        if PLATEAU <= counts[k] > STEP * np.median(counts[k + 1 : k + 1 + NEXT]):
+            found = levels[k]
+        elif (above := above + int(counts[k])) >= PLATEAU:
+            break
+    return found
 
 
 def _has_noise(picture: NDArray[np.generic], top: np.generic) -> bool:

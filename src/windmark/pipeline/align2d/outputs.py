@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.pipeline.align2d.run import AlignedFile, Reference
 from windmark.scene.detections import middle_sigma
+from windmark.scene.levels import saturated_as_missing
 from windmark.scene.repeated import PART, is_repeated
 from windmark.tasks.align2d import ImageAlignment
 
@@ -119,7 +120,7 @@ def ratios(item: AlignedFile, reference: Reference) -> tuple[NDArray[np.float32]
     answer, image = item.alignment, item.image
     if answer is None or image is None or image.ndim != 2 or reference.image.ndim != 2:
         return None
-    base = np.asarray(reference.image, dtype=np.float32)
+    base = np.asarray(saturated_as_missing(reference.image)[0], dtype=np.float32)
     raw = np.full(base.shape, np.nan, np.float32)
     height, width = (min(m, n) for m, n in zip(base.shape, image.shape, strict=True))
     raw[:height, :width] = image[:height, :width]

@@ -63,11 +63,11 @@ def blur_costs(blur_px: float, radius_px: float) -> float:
 
 
 def _saturated(grey: NDArray[np.generic]) -> tuple[float, float]:
-    """Part of the pixels at the highest level and this level; 0 where the picture is not clipped there."""
+    """Part of the pixels at the level where the picture is clipped, and that; 0 and the highest where it is not."""
     if grey.dtype.kind not in "ui" or not grey.size:
         return 0.0, np.nan
-    top = float(grey.max())
-    return (float((grey == top).mean()) if clipped_level(grey) == top else 0.0), top
+    level = clipped_level(grey)
+    return (float((grey >= level).mean()), level) if level < np.inf else (0.0, float(grey.max()))  # type: ignore[operator]
 
 
 def picture_findings(state: PictureState) -> list[Finding]:
