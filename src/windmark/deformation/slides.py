@@ -150,7 +150,7 @@ def _followed(
             return None
         away, onto = tree.query(place)
         near = away < NEAR * spacing
-        if near.sum() < max(LEAST, PART * count):
+        if _few(near, onto):
             return None
         step = _step(placed, there, columns, near, tree.data[onto[near]])
         if step is None:
@@ -161,10 +161,15 @@ def _followed(
     once = np.zeros(count, bool)
     once[np.unique(np.where(on, onto, count), return_index=True)[1]] = True
     onto = np.where(on & once, onto, -1)
-    same = onto == np.arange(count)
-    if (onto >= 0).sum() < max(LEAST, PART * count) or 2 * same.sum() >= (onto >= 0).sum():
+    if _few(onto >= 0, onto):
         return None
     return onto, there[columns] - start[columns]
+
+
+def _few(near: NDArray[np.bool_], onto: Ints) -> bool:
+    """Whether few markers come onto others, or most of those that do onto themselves, as a root that does not move."""
+    same = near & (onto == np.arange(len(onto)))
+    return bool(near.sum() < max(LEAST, PART * len(near)) or 2 * same.sum() >= near.sum())
 
 
 def _step(placed: Placed, q: Array, columns: Ints, which: NDArray[np.bool_], wanted: Array) -> Array | None:
