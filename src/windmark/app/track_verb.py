@@ -23,6 +23,7 @@ from windmark.compiling import job_time
 from windmark.errors import g3
 from windmark.geometry import Camera
 from windmark.io.errors import noted
+from windmark.pipeline.focal_series import focal_series
 from windmark.pipeline.grid import curved_by
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.misfits import with_misfits
@@ -31,6 +32,7 @@ from windmark.pipeline.track_files import FollowOptions, first_state
 from windmark.pipeline.track_results import POV, PoseRow, match_columns, pose_columns, sequence_summary
 from windmark.pipeline.track_series import Series, follow_series
 from windmark.pipeline.verdict import Verdict
+from windmark.pipeline.verdict.focal import cov_with_focal, focal_unchecked, with_focal
 from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import Motion
 from windmark.scene import MarkerSet
@@ -101,7 +103,14 @@ def follow_files(wishes: Wishes, options: Record, change: tuple[float, float], g
             **sequence_summary(rows, camera, unit), "seconds": job_time() - start, "folder": wishes.output,
             "polarity": series.polarity, "notes": notes,
         }  # fmt: skip
-        verdict = track_verdict(rows, unit, first_state(images, how) if last is None else None, markers.name.tolist())
+        focal, first = focal_series(rows, markers, camera), first_state(images, how) if last is None else None
+        verdict = track_verdict(rows, unit, first, markers.name.tolist(), focal)
+        record["unchecked"] += [
+            {"what": u.what, "words": u.words} for u in focal_unchecked(rows, focal, markers, camera, unit)
+        ]  # fmt: skip
+        if last is not None:
+            series.last = last[0], cov_with_focal(last[1], rows, focal, markers, camera)
+        series.rows = with_focal(rows, focal)
         record["verdict"] = verdict.record()
         page = _write(out, wishes, series, markers, camera, record, images)
         out.refused = last is None

@@ -172,6 +172,8 @@ def _result(s: Solved, verdict: Verdict, options: Mapping[str, Any]) -> Deformat
         cov = cov + misfit.follow @ misfit.second @ misfit.follow.T
     if (bounds := verdict.bounds) is not None:
         cov = cov + bounds.follow @ bounds.second @ bounds.follow.T
+    if verdict.other is not None:
+        cov = cov + verdict.other
     return Deformation(
         volumes=volumes, placed=task.placed, q=values[LAW], tunnel_from_model=values[MOTION],
         cam_from_tunnel={v.name: values[pose_block(v.name)] for v in task.views},

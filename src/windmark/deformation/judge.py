@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from windmark.deformation.attached import unattached
 from windmark.deformation.bounds import Bounds, at_bounds
 from windmark.deformation.equations import Equations
+from windmark.deformation.few_walls import displaced_wall, unchecked_walls
 from windmark.deformation.lost import lost
 from windmark.deformation.misfit import Misfit
 from windmark.deformation.moved import candidates, moved, price
@@ -21,6 +23,8 @@ from windmark.deformation.result import NotIdentified
 from windmark.deformation.solve import Solved
 from windmark.errors import g2
 from windmark.scene import Doubt
+
+Array = NDArray[np.float64]
 
 FALSE = 2.5e-4
 """Probability that residuals as large as stated are called too large."""
@@ -40,6 +44,7 @@ class Verdict:
     misfit : what the laws lack, None for nothing
     doubts : sentences
     unchecked : what the images do not tell, and the covariances do not contain
+    other : (F, F) what other explanations add to the covariance; None for nothing
     bounds : what parameters at their bounds may have done, or priors that are contradicted; None where there are none
     suspect : names of markers, views and volumes that contradict the rest
     """
@@ -49,6 +54,7 @@ class Verdict:
     doubts: tuple[Doubt, ...] = ()
     unchecked: tuple[Doubt, ...] = ()
     bounds: Bounds | None = None
+    other: Array | None = None
 
     @property
     def suspect(self) -> tuple[str, ...]:
@@ -58,6 +64,19 @@ class Verdict:
 
 def judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdentified:
     """Judge an adjusted instant; where a camera moved, with ``free_moved``, it is the one with that pose free."""
+    judged = _judge(solved, free_moved)
+    if isinstance(judged, NotIdentified):
+        return judged
+    found, verdict = judged
+    if (displaced := displaced_wall(found)) is None:
+        return found, replace(verdict, unchecked=(*verdict.unchecked, *unchecked_walls(found)))
+    doubt, more = displaced
+    said = tuple(d for d in verdict.doubts if not (d.cause == "marker" and set(d.names) <= set(doubt.names)))
+    return found, replace(verdict, doubts=(doubt, *said), other=more)
+
+
+def _judge(solved: Solved, free_moved: bool) -> tuple[Solved, Verdict] | NotIdentified:
+    """The same but for markers on walls that cannot check each other."""
     beside, unchecked = unattached(solved)
     doubts, unknown = [*beside, *lost(solved)], tuple(unchecked)
     chi2, redundancy = solved.chi2, solved.redundancy

@@ -100,7 +100,12 @@ def pov_with_sigma(pose: Pose, cov: Array) -> tuple[Array, Array]:
 
     At ry = +-90 degrees rx and rz are not determined apart; their sigma is then infinite.
     """
-    return _numbers(pose.to_pov()), _numbers(pose.pov_sigma(cov[:6, :6]))
+    return pov_of(pose), _numbers(pose.pov_sigma(cov[:6, :6]))
+
+
+def pov_of(pose: Pose) -> Array:
+    """(6,) point of view (`POV`) of a pose."""
+    return _numbers(pose.to_pov())
 
 
 def _numbers(pov: PoV) -> Array:

@@ -9,10 +9,12 @@ from itertools import pairwise
 import numpy as np
 
 from windmark.errors import g1, g2
+from windmark.pipeline.focal_series import FocalSeries
 from windmark.pipeline.misfits import lower_middle, misfits, turned
 from windmark.pipeline.track_results import PoseRow
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.doubts import STEPS
+from windmark.pipeline.verdict.focal import focal_findings
 from windmark.pipeline.verdict.picture import PictureState, picture_findings, series_blur, series_fields
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.registered import what_is_left
@@ -22,9 +24,13 @@ from windmark.scene.repeated import is_repeated
 
 
 def track_verdict(
-    rows: Sequence[PoseRow], unit: str, first: PictureState | None = None, names: Sequence[str] = ()
-) -> Verdict:
-    """Judge a followed sequence; ``first``: state of its first picture, where none gave a pose. Markers' ``names``."""
+    rows: Sequence[PoseRow], unit: str, first: PictureState | None = None, names: Sequence[str] = (),
+    focal: FocalSeries | None = None,
+) -> Verdict:  # fmt: skip
+    """Judge a followed sequence.
+
+    ``first``: state of its first picture, where none gave a pose. Markers' ``names``. ``focal``: of `focal_series`.
+    """
     good = [r for r in rows if r.cam_from_model is not None]
     if not good:
         reason = f"no image gave a pose; the first: {rows[0].reason if rows else 'there are no images'}"
@@ -33,6 +39,7 @@ def track_verdict(
         return bad_series("no match", reason, "run windmark register on one image first")
     found = lost_findings([(r.name, r.reason) for r in rows if r.cam_from_model is None], len(rows), "images")
     found += [*_misfit(good, unit), *_standing_out(good), *_bent(good), *_off(good, names)]
+    found += [] if focal is None else focal_findings(rows, focal, unit)
     found += series_blur(("", r.blur_px, r.radius_px) for r in good)
     found += series_fields(("", r.fields_px) for r in good)
     found += [*_few(good), *_missing(good), *_copies(rows)]
