@@ -14,10 +14,9 @@ are a clipped picture. That it has: levels of a sensor of fewer bits lie several
 NOISY = 0.2
 """Part of second differences of two levels and more: white noise of a third of a level has one in seven, of half a
 level three in ten, rounding alone hardly any."""
-MANY, SMOOTH, ALTERNATE = 4096, 1e-5, 0.5
-"""More different numbers of a picture of floats than so many, of ten thousand, lie on no levels. Of white noise, 73 in
-100 second differences have another sign than their neighbour; those that count are beyond so small a part of the
-range, what is left of the numbers' own rounding."""
+SMOOTH, EVEN, ALTERNATE = 1e-5, 0.05, 0.5
+"""Part of a picture's range that is left of the rounding of floats; part of a step by which levels may be off. Of white
+noise, 73 in 100 second differences have another sign than their neighbour."""
 ENOUGH, A_FEW = 1_000_000, 1000
 """Pixels, in whole rows, that tell it; pixels that say of a picture that it is no mask."""
 
@@ -63,10 +62,10 @@ def _lowest_plateau(picture: NDArray[np.generic]) -> np.generic | None:
 
 
 def _has_noise(picture: NDArray[np.generic], top: np.generic) -> bool:
-    """Whether second differences along the rows, of pixels below ``top``, are more than what rounding leaves.
+    """Whether second differences along the rows, of pixels below ``top``, are those of noise.
 
-    Of numbers that lie on no levels rounding leaves nothing, and a smooth picture has such differences, too: then they
-    must change their sign as those of noise do.
+    They change their sign from pixel to pixel, which those of a smooth picture or of the rims of discs do not; and of
+    numbers that lie on levels they are more than what rounding leaves.
     """
     rows = picture if picture.ndim > 1 else picture[None]
     sparse = rows[:: max(1, picture.size // ENOUGH)]
@@ -76,17 +75,27 @@ def _has_noise(picture: NDArray[np.generic], top: np.generic) -> bool:
     inside = below[:, :-2] & below[:, 1:-1] & below[:, 2:]
     if not inside.any():
         return True
-    values = levels[np.isfinite(levels)]
-    some = np.unique(values[:: max(1, values.size // 10_000)])
-    if picture.dtype.kind == "f" and len(some) > MANY:
-        pairs = inside[:, :-1] & inside[:, 1:]
-        least = SMOOTH * float(some[-1] - some[0])
-        first, second = change[:, :-1][pairs], change[:, 1:][pairs]
-        alternate = (first * second < 0) & (np.minimum(np.abs(first), np.abs(second)) > least)
-        return bool(alternate.mean() > ALTERNATE) if alternate.size else True
-    between = np.diff(some)
-    step = 1 if not len(between) else between.min() if picture.dtype.kind == "f" else np.gcd.reduce(between)
-    return bool((np.abs(change[inside]) >= 1.99 * step).mean() > NOISY)
+    step, least = _step_of(levels[below])
+    large = inside & (np.abs(change) >= max(1.99 * step, least))
+    if step and large.sum() <= NOISY * inside.sum():
+        return False
+    first, second = change[:, :-1], change[:, 1:]
+    both = large[:, :-1] & large[:, 1:]
+    turned = int((both & ((first < 0) != (second < 0))).sum())
+    return turned >= PLATEAU and turned > ALTERNATE * int(both.sum())
+
+
+def _step_of(levels: NDArray[Any]) -> tuple[float, float]:
+    """The step of the levels that numbers lie on, 0 where they lie on none, and what rounding may be of their range."""
+    some = np.unique(levels[:: max(1, levels.size // 10_000)])
+    between, least = np.diff(some), SMOOTH * float(some[-1] - some[0])
+    if not len(between):
+        return 1.0, 0.0
+    if levels.dtype.kind != "f":
+        return float(np.gcd.reduce(between)), 0.0
+    step = float(between.min())
+    parts = between / step
+    return (step, 0.0) if step > least and np.abs(parts - np.rint(parts)).max() < EVEN else (0.0, least)
 
 
 def full_scale(picture: NDArray[np.generic]) -> float:
