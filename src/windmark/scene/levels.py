@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-PLATEAU, STEP, NEXT = 20, 5, 8
-"""So many pixels at a level, and so many times as many as at the next lower ones that it has, the usual one of so many,
-are a clipped picture. That it has: levels of a sensor of fewer bits lie several apart."""
+PLATEAU, STEP, ENOUGH_LEVELS = 20, 5, 16
+"""So many pixels at a picture's largest level, and so many times as many as at the next lower one that it has, are a
+clipped picture. The next lower one: levels of a sensor of fewer bits lie several apart. So many of the largest levels
+are looked at, and more."""
 
 NOISY = 0.2
 """Part of second differences of two levels and more: white noise of a third of a level has one in seven, of half a
@@ -49,16 +50,16 @@ def _lowest_plateau(picture: NDArray[np.generic]) -> np.generic | None:
         return None
     for share in (0.98, 0.5, 0.0):  # few levels are enough of most pictures
         levels, counts = np.unique(picture[picture >= some[int(share * (len(some) - 1))]], return_counts=True)
-        if len(levels) > 2 * NEXT:
+        if len(levels) > ENOUGH_LEVELS:
             break
-    levels, counts = levels[::-1], counts[::-1]
-    found, above = None, 0
-    for k in range(len(levels) - 1):
-        if PLATEAU <= counts[k] > STEP * np.median(counts[k + 1 : k + 1 + NEXT]):
-            found = levels[k]
-        elif (above := above + int(counts[k])) >= PLATEAU:
-            break
-    return found
+    piled = np.zeros(len(levels), bool)
+    below = int(counts[0])  # of the next lower level at which none pile up
+    for k in range(1, len(levels)):
+        piled[k] = PLATEAU <= counts[k] > STEP * below
+        below = below if piled[k] else int(counts[k])
+    above = np.cumsum(np.where(piled, 0, counts)[::-1])[::-1]
+    known = np.flatnonzero(piled & (above < PLATEAU))
+    return levels[known[0]] if len(known) else None
 
 
 def _has_noise(picture: NDArray[np.generic], top: np.generic) -> bool:
