@@ -21,6 +21,7 @@ from windmark.io.cameras import (
 from windmark.io.colour import CHANNELS, MOSAICS, from_mosaic, to_grey
 from windmark.io.csvtable import read_table, write_table
 from windmark.io.errors import FileError, reason, witness
+from windmark.io.grey import Levels, read_grey, read_levels
 from windmark.io.grid_file import (
     UNIT_FORMATS,
     GridFile,
@@ -30,12 +31,9 @@ from windmark.io.grid_file import (
     written_grid_format,
 )
 from windmark.io.images import (
-    Levels,
     page_count,
-    read_grey,
     read_image,
     read_images,
-    read_levels,
     write_image,
     write_images,
 )
