@@ -15,7 +15,7 @@ MARKERS = MarkerSet.make(["a", "b", "c", "far", "d"], [[0.0, 0, 0], [4, 0, 0], [
 
 
 def network(datum):
-    return SimpleNamespace(markers=MARKERS, options={"datum": datum})
+    return SimpleNamespace(markers=MARKERS, options={"datum": datum}, unchecked="")
 
 
 @pytest.mark.parametrize("datum", [Fixed(["a", "b", "c"]), Weighted(("a", "b", "c")),

@@ -1,4 +1,5 @@
-"""`reconstruct` with a camera file that is another camera's: it is named, and no right marker is; truth known."""
+"""`reconstruct` with a camera file that is another camera's, or a primary that is elsewhere: it is named, and no right
+marker is; or it is said that it would not show. Truth known."""
 
 from dataclasses import replace
 
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.reconstruct.outputs import record
 from windmark.pipeline.verdict.network import reconstruct_verdict
 from windmark.scene import Detections, MarkerSet
 from windmark.tasks.reconstruct import NotReconstructed, reconstruct
@@ -110,10 +112,30 @@ def test_few_pictures_without_the_lens_are_doubted_and_the_right_camera_is_unche
     assert right.unchecked in verdict.reason
 
 
-def test_the_right_camera_of_many_pictures_is_checked():
+def test_the_right_camera_of_many_pictures_is_checked_and_six_primaries_check_each_other():
     result = made(RIGHT, 8, 6)
     assert not result.warnings
     assert result.unchecked == ""
+    assert result.calibration.hardly_checked == ()
+    assert "known marker" not in reconstruct_verdict(result, "mm", []).reason
+
+
+def test_an_error_of_one_of_four_that_does_not_show_is_what_is_said_to_be_unchecked():
+    result = made(RIGHT, 8, 4, wrong=7 * SIGMA)
+    assert not result.warnings  # the others do not contradict it
+    told = {str(result.markers.name[h.point]): h for h in result.calibration.hardly_checked}
+    assert told["A3"].error > 7 * SIGMA
+    truth = XYZ[np.linalg.norm(XYZ[:, None] - result.markers.xyz, axis=2).argmin(axis=0)]
+    off = np.abs(result.markers.xyz - truth).max(axis=1) / result.markers.sigma.max(axis=1)
+    assert off.max() > 4  # it moves others by far more than their sigmas
+    assert off.max() < 1.5 * max(h.times for h in told.values())
+    verdict = reconstruct_verdict(result, "mm", [])
+    assert verdict.word == "good"  # a common job, and nothing in it is wrong as far as can be seen
+    assert result.calibration.unchecked in verdict.reason
+    assert "A3" in result.calibration.unchecked
+    assert "a further known marker near" in verdict.next_step
+    said = {u["what"]: u["words"] for u in record(result, primaries(4), (), "mm", None)["unchecked"]}
+    assert said["primaries"] == result.calibration.unchecked
 
 
 @pytest.mark.slow

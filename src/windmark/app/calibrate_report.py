@@ -113,6 +113,8 @@ def _overview(report: Report, done: Calibrated, unit: str, pictures: Sequence[Pi
         report.text(f"{sentence}.", "bad")
     if done.unchecked:
         report.text(f"The marks cannot tell: {done.unchecked}.", "soft")
+    if result.unchecked:
+        report.text(f"The known markers cannot tell: {result.unchecked}.", "soft")
 
 
 def add_camera(report: Report, result: Calibration, name: str) -> None:

@@ -121,6 +121,8 @@ def _overview(report: Report, result: Reconstruction, shown: Shown) -> None:
         report.text(f"{sentence}.", "bad")
     if result.unchecked:
         report.text(f"The pictures cannot tell: {result.unchecked}.", "soft")
+    if done.unchecked:
+        report.text(f"The known markers cannot tell: {done.unchecked}.", "soft")
 
 
 def _pictures(report: Report, result: Reconstruction, shown: Shown) -> None:

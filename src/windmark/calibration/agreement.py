@@ -147,7 +147,7 @@ class Test:
     def __init__(self, control: Control, solved: Solved, rough: Similarity) -> None:
         self.control, self.solved, self.rough = control, solved, rough
         self.ends = np.unique(np.concatenate([control.point, control.bar.ravel()]))
-        self.cov = _joint(solved, self.ends) * solved.scale
+        self.cov = joint(solved, self.ends) * solved.scale
 
     def exchanged(self, a: int, b: int) -> Test:
         """The same with two points in each other's place."""
@@ -262,15 +262,22 @@ def _left(spread: Array, design: Array) -> tuple[Array, int]:
     return (weight + weight.T) / 2, u.shape[1]
 
 
-def _joint(solved: Solved, points: Ints) -> Array:
-    """(3M, 3M) covariance of points in a free network, in some datum, in squared length units for sigma0 = 1."""
+def joint(solved: Solved, points: Ints, rows: Ints | None = None) -> Array:
+    """(3R, 3M) covariance of points (rows) with points of an adjusted network, in squared length units for sigma0 = 1.
+
+    ``rows`` are all of ``points`` by default. Of a free network it is in some datum.
+    """
     lay = solved.problem.layout
     columns, d = lay.columns, solved.problem.layout.dense
-    start = np.where(
-        columns.point[points] >= 0, columns.point[points],
-        d + 3 * columns.point_block[points] if lay.points_eliminated else -1,
-    )  # fmt: skip
-    index = (start[:, None] + np.arange(3)).ravel()
-    pick = np.zeros((d + lay.blocks * lay.size, len(index)))
-    pick[index, np.arange(len(index))] = 1.0
-    return solved.covariance.product(pick)[index] * lay.unit**2
+
+    def index(of: Ints) -> Ints:
+        start = np.where(
+            columns.point[of] >= 0, columns.point[of],
+            d + 3 * columns.point_block[of] if lay.points_eliminated else -1,
+        )  # fmt: skip
+        return np.asarray((start[:, None] + np.arange(3)).ravel(), dtype=np.int64)
+
+    own = index(points)
+    pick = np.zeros((d + lay.blocks * lay.size, len(own)))
+    pick[own, np.arange(len(own))] = 1.0
+    return solved.covariance.product(pick)[own if rows is None else index(rows)] * lay.unit**2

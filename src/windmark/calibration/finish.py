@@ -15,6 +15,7 @@ from windmark.calibration.advice import helpful_pictures
 from windmark.calibration.datum import Free
 from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.lens_known import RADIAL, radial_spread
+from windmark.calibration.reliability import hardly_checked
 from windmark.calibration.result import Calibration
 from windmark.calibration.rough_places import held_by_table
 from windmark.calibration.setup import Job, frames_of, taking_part, views_of
@@ -99,6 +100,7 @@ def calibration(
         options=options,
         cam_from_rig={n: Pose(o.rotation[c], o.translation[c]) for c, n in enumerate(job.cameras)} if o else {},
         rig_cov=_rig_cov(job, solved, covariance, scale) if o else {},
+        hardly_checked=hardly_checked(job, solved, seen, sigma),
     )  # fmt: skip
 
 

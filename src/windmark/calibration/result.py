@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
+from windmark.calibration.hardly_checked import Hardly, hardly_checked_words
 from windmark.calibration.setup import changed
 from windmark.errors import g2, g3
 from windmark.geometry import Camera, Pose
@@ -75,6 +76,7 @@ class Calibration:
     swapped : (first, second, view) names of markers whose marks were exchanged
     report : why the adjustment stopped
     options : everything it was made with, by name
+    hardly_checked : known markers whose errors the others hardly show, the worst first; no sigma contains them
 
     Examples
     --------
@@ -116,6 +118,7 @@ class Calibration:
     cam_from_rig: Mapping[str, Pose] = field(default_factory=dict)
     rig_cov: Mapping[str, Array] = field(default_factory=dict)
     doubts: tuple[Doubt, ...] = ()
+    hardly_checked: tuple[Hardly, ...] = ()
 
     def __bool__(self) -> bool:
         return True
@@ -149,6 +152,11 @@ class Calibration:
     def warnings(self) -> tuple[str, ...]:
         """The doubts as sentences."""
         return tuple(str(d) for d in self.doubts)
+
+    @property
+    def unchecked(self) -> str:
+        """Of which known markers an error would hardly show, and what it would do, in words; "" for none."""
+        return hardly_checked_words(self.hardly_checked, self.markers)
 
     def pose(self, view: str) -> Pose:
         """``cam_from_model`` of a view by name."""

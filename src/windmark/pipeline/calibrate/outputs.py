@@ -245,7 +245,10 @@ def record(
         "cameras": cameras, "rig": [beside_record(b) for b in beside(result)],
         "halves": _halves_record(done.halves), "suspect": list(result.suspect),
         "warnings": list(result.warnings),
-        "unchecked": [{"what": "mirror", "words": done.unchecked}] if done.unchecked else [],
+        "unchecked": [
+            {"what": what, "words": words}
+            for what, words in (("mirror", done.unchecked), ("control", result.unchecked)) if words
+        ],
         "swapped": [list(s) for s in result.swapped], "dropped": dict(result.dropped),
         "converged": result.report.reason, "iterations": result.report.iterations,
         "pictures": None if matched is None else [vars_of(m) for m in matched],

@@ -153,7 +153,10 @@ def record(
         "open_spots": {n: len(s) for n, s in result.open_spots.items()},
         "primaries_not_found": list(against.missing), "unrecognised": dict(result.unrecognised),
         "warnings": list(result.warnings), "suspect": list(result.suspect), "cameras": cameras,
-        "unchecked": [{"what": "camera", "words": result.unchecked}] if result.unchecked else [],
+        "unchecked": [
+            {"what": what, "words": words}
+            for what, words in (("camera", result.unchecked), ("primaries", done.unchecked)) if words
+        ],
         "dropped": dict(result.dropped),
         "pair": None if pair is None else pair_record(pair),
     }  # fmt: skip

@@ -99,7 +99,8 @@ def reconstruct_verdict(result: Reconstruction | NotReconstructed, unit: str, pi
             )
         )
     # One that was recognised by its place alone checks the three that hold the frame.
-    unchecked, more = _unchecked(result.calibration) if (result.markers.role == "primary").sum() <= 3 else ("", "")
+    checked = (result.markers.role == "primary").sum() > 3 and not result.calibration.unchecked
+    unchecked, more = ("", "") if checked else _unchecked(result.calibration)
     if result.unchecked:
         unchecked += f"; {result.unchecked}"
         more += "; more pictures, from more sides, and more known markers would check the cameras"
@@ -199,11 +200,14 @@ def _good(result: Calibration, unit: str) -> str:
 
 
 def _unchecked(result: Calibration) -> tuple[str, str]:
-    """What a good network of three known markers rests on, and what would check it; "" of others."""
+    """What a good network of few known markers rests on, and what would check it; "" of others."""
     turn = turn_of_three(result)
-    if turn is None:
+    if turn is not None:
+        return f"; {turn}", "; a fourth known marker would check the three, which all of it rests on"
+    if not result.unchecked:
         return "", ""
-    return f"; {turn}", "; a fourth known marker would check the three, which all of it rests on"
+    worst = result.markers.name[result.hardly_checked[0].point]
+    return f"; {result.unchecked}", f"; a further known marker near {worst} would check it"
 
 
 def _blurred(pictures: Sequence[Picture]) -> list[Finding]:
