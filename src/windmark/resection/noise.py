@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 
 Array = NDArray[np.float64]
 
@@ -18,6 +19,8 @@ MOST_PIXELS = 400_000
 FAR, ALIKE, STILL = (4, 7, 11, 18), 2.0, 1.25
 """Pixels apart, no period of a pattern being a part of all; times by which the scatter grows from neighbours to one of
 these, and may change to the next two."""
+NORMAL = 0.1
+"""Part of itself by which a quantile of what is normal may be off, beside the median; markers make it 0.12 and more."""
 _MEDIAN = 0.6744897501960817
 """Median of |x| of a normal deviate."""
 
@@ -84,11 +87,11 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int | None = 
     pixels = np.asarray(image)
     if pixels.ndim != 2:
         raise ValueError(f"noise_law: image must be (H, W), got {pixels.shape}")
+    least = 1 / 12 if pixels.dtype.kind in "biu" else 0.0
     if apart is None:
         apart = _spread_over(pixels, most)
     if not apart >= 1:
         raise ValueError(f"noise_law: apart must be at least 1 pixel, got {apart!r}")
-    least = 1 / 12 if pixels.dtype.kind in "biu" else 0.0
     if min(pixels.shape) < 2 * apart + 1:
         return NoiseLaw(least, 0.0, least)
     level, mixed = _differences(pixels, most, apart)
@@ -100,22 +103,35 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int | None = 
 
 
 def _spread_over(pixels: NDArray[np.generic], most: int) -> int:
-    """Pixels over which the noise of neighbours is alike: so far apart they scatter far more than neighbours do, and
-    as much as farther still. 1 where there is no such distance: shading scatters still more, a pattern less.
+    """Pixels over which the noise of neighbours is alike: so far apart they scatter far more than neighbours do.
+
+    And as much where they are still farther apart: shading scatters more then, a pattern less. And normally: what many
+    markers, of which the wider differences have more, make of noise with pixels of its own is not. 1 where there is no
+    such distance.
     """
     if min(pixels.shape) <= 2 * FAR[-1]:
         return 1
-    near, *usual = (_usual(_differences(pixels, most, apart)[1]) for apart in (1, *FAR))
+    mixed = [_differences(pixels, most, apart)[1] for apart in (1, *FAR)]
+    near, *usual = map(_usual, mixed)
     for k, far in enumerate(FAR[:-2]):
         beyond = np.array(usual[k + 1 : k + 3])
-        if near > 0 and usual[k] > max(ALIKE * near, beyond.max() / STILL) and beyond.min() > usual[k] / STILL:
+        level = beyond.max() < STILL * usual[k] and beyond.min() > usual[k] / STILL
+        if near > 0 and usual[k] > ALIKE * near and level and _is_normal(mixed[k + 1]):
             return far
     return 1
 
 
+def _is_normal(mixed: Array) -> bool:
+    """Whether the smaller three quarters of differences are those of a normal deviate."""
+    shares = np.array([0.1, 0.25, 0.5, 0.75])
+    parts = np.quantile(mixed, shares) / ndtri((1 + shares) / 2)
+    return bool(np.abs(parts / max(parts[2], 1e-300) - 1).max() < NORMAL)
+
+
 def _usual(mixed: Array) -> float:
-    """Mean of the smaller half: of whole numbers it has more steps than the median."""
-    return float(np.sort(mixed)[: max(len(mixed) // 2, 1)].mean()) if len(mixed) else 0.0
+    """Mean of the smallest quarter, which few edges reach; of whole numbers it has more steps than a quantile."""
+    count = max(len(mixed) // 4, 1)
+    return float(np.partition(mixed, count - 1)[:count].mean()) if len(mixed) else 0.0
 
 
 def _differences(pixels: NDArray[np.generic], most: int, apart: int) -> tuple[Array, Array]:

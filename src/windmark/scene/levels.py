@@ -11,13 +11,15 @@ PLATEAU, STEP, ENOUGH_LEVELS = 20, 5, 16
 """So many pixels at a picture's largest level, and so many times as many as at the next lower one that it has, are a
 clipped picture. The next lower one: levels of a sensor of fewer bits lie several apart. So many of the largest levels
 are looked at, and more."""
+APART = 8
+"""Usual distances of levels by which one is apart from the next lower one: it is none of a peak of noise."""
 
 NOISY = 0.2
 """Part of second differences of two levels and more: white noise of a third of a level has one in seven, of half a
 level three in ten, rounding alone hardly any."""
-SMOOTH, EVEN, ALTERNATE = 1e-5, 0.05, 0.5
+SMOOTH, EVEN, ALTERNATE, SMALLEST = 1e-5, 0.05, 0.5, 4
 """Part of a picture's range that is left of the rounding of floats; part of a step by which levels may be off. Of white
-noise, 73 in 100 second differences have another sign than their neighbour."""
+noise, 73 in 100 second differences have another sign than their neighbour; it is asked of the smallest, one in four."""
 ENOUGH, A_FEW = 1_000_000, 1000
 """Pixels, in whole rows, that tell it; pixels that say of a picture that it is no mask."""
 
@@ -52,21 +54,25 @@ def _lowest_plateau(picture: NDArray[np.generic]) -> np.generic | None:
         levels, counts = np.unique(picture[picture >= some[int(share * (len(some) - 1))]], return_counts=True)
         if len(levels) > ENOUGH_LEVELS:
             break
-    piled = np.zeros(len(levels), bool)
-    below = int(counts[0])  # of the next lower level at which none pile up
-    for k in range(1, len(levels)):
-        piled[k] = PLATEAU <= counts[k] > STEP * below
-        below = below if piled[k] else int(counts[k])
-    above = np.cumsum(np.where(piled, 0, counts)[::-1])[::-1]
-    known = np.flatnonzero(piled & (above < PLATEAU))
-    return levels[known[0]] if len(known) else None
+    gaps = np.diff(levels.astype(float))
+    alone = gaps > APART * np.median(gaps) if len(gaps) > 2 else np.zeros(len(gaps), bool)
+    found, above = None, 0
+    for k in range(len(gaps), 0, -1):  # from the highest one down
+        if counts[k] >= PLATEAU and (alone[k - 1] or counts[k] > STEP * counts[k - 1]):
+            found = levels[k]
+            if not alone[k - 1]:
+                break
+        elif (above := above + int(counts[k])) >= PLATEAU:
+            break
+    return found
 
 
 def _has_noise(picture: NDArray[np.generic], top: np.generic) -> bool:
     """Whether second differences along the rows, of pixels below ``top``, are those of noise.
 
-    They change their sign from pixel to pixel, which those of a smooth picture or of the rims of discs do not; and of
-    numbers that lie on levels they are more than what rounding leaves.
+    They change their sign from pixel to pixel, which those of a smooth picture or of the rims of discs do not (at most
+    0.4 of them, of pictures drawn without noise); and of numbers that lie on levels they are more than what rounding
+    leaves.
     """
     rows = picture if picture.ndim > 1 else picture[None]
     sparse = rows[:: max(1, picture.size // ENOUGH)]
@@ -80,10 +86,12 @@ def _has_noise(picture: NDArray[np.generic], top: np.generic) -> bool:
     large = inside & (np.abs(change) >= max(1.99 * step, least))
     if step and large.sum() <= NOISY * inside.sum():
         return False
-    first, second = change[:, :-1], change[:, 1:]
     both = large[:, :-1] & large[:, 1:]
-    turned = int((both & ((first < 0) != (second < 0))).sum())
-    return turned >= PLATEAU and turned > ALTERNATE * int(both.sum())
+    first, second = change[:, :-1][both], change[:, 1:][both]
+    # The smallest ones are those of noise, if there is any: rims have large ones, and not by turns.
+    small = np.argsort(np.maximum(np.abs(first), np.abs(second)), kind="stable")[: first.size // SMALLEST]
+    turned = int(((first < 0) != (second < 0))[small].sum())
+    return turned >= PLATEAU and turned > ALTERNATE * small.size
 
 
 def _step_of(levels: NDArray[Any]) -> tuple[float, float]:
