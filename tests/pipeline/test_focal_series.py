@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from windmark.geometry import PARAMETERS, Camera, Pose
-from windmark.pipeline.focal_series import focal_series, pov_change
+from windmark.pipeline.focal_series import FOCAL, INTERIOR, _Fit, focal_series, pov_change
 from windmark.pipeline.track_results import PoseRow, pov_with_sigma
 from windmark.pipeline.verdict.focal import cov_with_focal, focal_unchecked, with_focal
 from windmark.pipeline.verdict.lens import by_pose
@@ -81,6 +81,29 @@ def test_a_refocus_is_told_with_its_image():
     assert abs(series.found.first - 15) <= 2
     assert f"% longer from f{series.found.first} on" in verdict.reason
     assert not series.part[: series.found.first - 4].any()
+
+
+@pytest.mark.parametrize(
+    ("start", "loose", "end", "either"),
+    [(0.0, 0.3, False, False), (-2.0, 0.3, True, False), (0.0, 1.0, False, True), (-2.0, 1.0, False, True)],
+)
+def test_whether_the_given_one_is_that_of_the_beginning_or_of_the_end_is_left_open_where_it_is(
+    start, loose, end, either
+):
+    """Where the focal length at the beginning is hardly known, either part of the images may be the one that is off."""
+    beside, shape = np.zeros(len(INTERIOR)), np.array([0.0, 0.0, 1.0])
+    beside[FOCAL] = start
+    fit = _Fit(shape, 2.0, 0.1, beside, np.zeros(len(INTERIOR)), loose)
+    assert (fit.at_end, fit.either) == (end, either)
+    assert np.abs(fit.part).tolist() == ([2.0, 2.0, 2.0] if either else (2 * np.abs(shape - end)).tolist())
+
+
+def test_a_refocus_that_many_images_tell_is_at_its_end_of_them():
+    after, before = (lambda t: 1.0 + 0.003 * (t > 0.55)), (lambda t: 1.0 - 0.003 * (t < 0.55))
+    for focal in (after, before):
+        verdict, series = verdict_of(sequence(focal))
+        assert (series.found.either, series.found.at_end) == (False, focal is before)
+        assert "if the camera file" not in verdict.reason
 
 
 def test_a_focal_length_that_is_another_one_in_all_images_is_told():

@@ -39,6 +39,8 @@ LEFT = 0.1
 """What is left of a marker's error at least where the others hardly hold what it says."""
 ALIKE = 9.0
 """Squared sigmas by which one shape in time may fit less well than another, and be what happened."""
+SURE = 3.0
+"""Sigmas by which the beginning, or the end, must be nearer to the given focal length to be what it was given for."""
 HELD = 1e12
 """Known so well (over what a calibration leaves, squared) that it does not move."""
 FOCAL = INTERIOR.index("focal_px")
@@ -55,6 +57,7 @@ class Deviation:
     part, sigma : by what part of itself it is longer (at the end, or from the step on), and 1 sigma of that
     first : number among the rows of the image from which it is so; 0 for what is no step
     at_end : whether the given one is that at the end, rather than that at the beginning
+    either : whether the images do not tell which of the two it is
     smooth : nats that a table that is off smoothly, as a model that bends, is ahead of it in explaining the residuals
     """
 
@@ -63,6 +66,7 @@ class Deviation:
     sigma: float
     first: int = 0
     at_end: bool = False
+    either: bool = False
     smooth: float = 0.0
 
 
@@ -114,7 +118,8 @@ class _Sums(NamedTuple):
 class _Fit(NamedTuple):
     """A shape in time (n,): its amount, the sigma of that by the spots' noise alone, and the constant interior.
 
-    ``beside`` (P,) is the interior without that shape, ``mixed`` (P,) what of it looks like an amount of one.
+    ``beside`` (P,) is the interior without that shape, ``mixed`` (P,) what of it looks like an amount of one, ``loose``
+    the sigma of the focal length at the beginning.
     """
 
     shape: Array
@@ -122,6 +127,7 @@ class _Fit(NamedTuple):
     sigma: float
     beside: Array
     mixed: Array
+    loose: float
 
     @property
     def gain(self) -> float:
@@ -129,15 +135,28 @@ class _Fit(NamedTuple):
         return (self.amount / self.sigma) ** 2
 
     @property
+    def _nearer(self) -> float:
+        """By how much the focal length at the beginning is nearer to the given one than that at the end."""
+        start = self.beside[FOCAL] - self.mixed[FOCAL] * self.amount
+        return float(abs(start + self.amount) - abs(start))
+
+    @property
+    def either(self) -> bool:
+        """See `Deviation.either`."""
+        return bool(np.ptp(self.shape)) and abs(self._nearer) < SURE * self.loose
+
+    @property
     def at_end(self) -> bool:
         """See `Deviation.at_end`."""
-        start = self.beside[FOCAL] - self.mixed[FOCAL] * self.amount
-        return bool(abs(start + self.amount) < abs(start))
+        return self._nearer < 0 and not self.either
 
     @property
     def part(self) -> Array:
-        """(n,) how much longer than given the focal length is, as far as this shape tells."""
-        return self.amount * (self.shape - self.at_end if np.ptp(self.shape) else self.shape)
+        """(n,) how much longer than given the focal length is, as far as this shape tells; of two cases the larger."""
+        if not np.ptp(self.shape):
+            return self.amount * self.shape
+        other = 1 - self.shape if self.either else np.zeros_like(self.shape)
+        return self.amount * np.where(other > self.shape, -other, self.shape - self.at_end)
 
 
 class _Found(NamedTuple):
@@ -264,7 +283,7 @@ def _changed(looks: _Looks, sums: _Sums, size: float) -> _Found | None:
     parts = np.take_along_axis(parts, np.abs(parts).argmax(axis=0)[None], axis=0)[0]
     first = int(np.argmax(best.shape > 0))
     kind, row = ("step", int(looks.row[first])) if best.shape[first] == 1.0 else ("drift", 0)
-    return _Found(Deviation(kind, size * best.amount, size * sigma, row, best.at_end), best, parts)
+    return _Found(Deviation(kind, size * best.amount, size * sigma, row, best.at_end, best.either), best, parts)
 
 
 def _fits(shapes: Array, sums: _Sums) -> list[_Fit]:
@@ -276,7 +295,8 @@ def _fits(shapes: Array, sums: _Sums) -> list[_Fit]:
     amount = (shapes @ sums.side[:, FOCAL] - mixed @ side) / told
     free = beside @ side
     return [
-        _Fit(x, float(a), float(t) ** -0.5, free, m) for x, a, t, m in zip(shapes, amount, told, mixed, strict=True)
+        _Fit(x, float(a), float(t) ** -0.5, free, m, float(np.sqrt(beside[FOCAL, FOCAL] + m[FOCAL] ** 2 / t)))
+        for x, a, t, m in zip(shapes, amount, told, mixed, strict=True)
     ]  # fmt: skip
 
 

@@ -40,7 +40,8 @@ def focal_findings(rows: Sequence[PoseRow], series: FocalSeries, unit: str) -> l
     part, word = f"{g2(100 * abs(found.part))} ± {g1(100 * found.sigma)} %", "longer" if found.part > 0 else "shorter"
     given, other = series.focal_px, series.focal_px * (1 + found.part * (-1 if found.at_end else 1))
     ends = (other, given) if found.at_end else (given, other)
-    became = f"({ends[0]:.1f} -> {ends[1]:.1f} ± {g1(series.focal_px * found.sigma)} px)"
+    if_given = ", if the camera file has that of the beginning" if found.either else ""
+    became = f"({ends[0]:.1f} -> {ends[1]:.1f} ± {g1(series.focal_px * found.sigma)} px{if_given})"
     if found.kind == "constant":
         said = f"the focal length is {part} {word} than the camera file says {became}"
         rival, step = "or the table is off smoothly", "calibrate the camera (windmark calibrate)"
