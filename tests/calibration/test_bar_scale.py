@@ -17,13 +17,13 @@ def case():
     return networks.make(35, points=20, views=6)
 
 
-def run(case, times, rough=1.0):
-    length = float(np.linalg.norm(case.truth.points[4] - case.truth.points[9])) * times
+def run(case, times, rough=1.0, ends=((4, 9),)):
     observations, markers, cameras, views, _ = networks.nouns(case, start=case.start.points * rough)
-    bar = Distance("m04", "m09", length, length * 1e-4)
-    return self_calibrate(
-        observations, replace(markers, length_unit="mm"), cameras, views, datum=Free(), distances=[bar]
-    )
+    lengths = [float(np.linalg.norm(case.truth.points[a] - case.truth.points[b])) * times for a, b in ends]
+    bars = [
+        Distance(f"m{a:02d}", f"m{b:02d}", length, length * 1e-4) for (a, b), length in zip(ends, lengths, strict=True)
+    ]
+    return self_calibrate(observations, replace(markers, length_unit="mm"), cameras, views, datum=Free(), distances=bars)
 
 
 @pytest.mark.parametrize(("times", "unit"), [(1e-3, "m"), (1 / 25.4, "inch"), (0.1, "cm")])
@@ -48,5 +48,8 @@ def test_a_bar_that_makes_everything_half_as_large_is_doubted_and_a_rough_table_
     said = [str(d) for d in half.doubts if d.cause == "control"]
     assert len(said) == 1
     assert "m04 to m09 makes the markers 2 times smaller than their table" in said[0]
+    assert "a second known distance would tell" in said[0]
     assert [d for d in run(case, 1.0).doubts if d.cause == "control"] == []
+    guessed = run(case, 1.0, rough=1.3, ends=((4, 9), (3, 12)))  # two that agree are right against a guessed table
+    assert [d for d in guessed.doubts if d.cause == "control"] == []
     assert [d for d in run(case, 1.0, rough=1.008).doubts if d.cause == "control"] == []

@@ -58,8 +58,11 @@ def other_unit(markers: MarkerSet, distances: Sequence[Distance]) -> str:
 
 
 def scale_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
-    """Whether the scale that the distances give a free network contradicts the rough places of the markers."""
-    if not job.distances or not isinstance(job.datum, Free):
+    """Whether the scale that a distance gives a free network contradicts the rough places of the markers.
+
+    Several that agree are right against a rough table, which may be a guess; whether they do is tested elsewhere.
+    """
+    if len(job.distances) != 1 or not isinstance(job.datum, Free):
         return ()  # what holds the scale as well is tested against the distances
     seen = np.unique(job.observations.point[solved.taken])
     places = job.markers.xyz[seen]
@@ -74,9 +77,10 @@ def scale_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
     if abs(np.log(fit.scale)) <= max(SCALE, SCATTER * left):
         return ()
     factor, how = (1 / fit.scale, "larger") if fit.scale < 1 else (fit.scale, "smaller")
-    first, more = job.distances[0], f" (and {len(job.distances) - 1} more)" if len(job.distances) > 1 else ""
+    (bar,) = job.distances
     words = (
-        f"the known distance {{}} to {{}}{more} makes the markers {g3(factor)} times {how} than their table, whose "
-        f"shape is right to {g3(100 * left)} % of its extent: it has other ends, another length or another unit"
+        f"the known distance {{}} to {{}} makes the markers {g3(factor)} times {how} than their table, whose shape is "
+        f"right to {g3(100 * left)} % of its extent: it has other ends, another length or another unit, or the table "
+        "is rough in its scale; a second known distance would tell"
     )
-    return (Doubt((first.first, first.second), words, "control"),)
+    return (Doubt((bar.first, bar.second), words, "control"),)
