@@ -23,7 +23,8 @@ def run(case, times, rough=1.0, ends=((4, 9),)):
     bars = [
         Distance(f"m{a:02d}", f"m{b:02d}", length, length * 1e-4) for (a, b), length in zip(ends, lengths, strict=True)
     ]
-    return self_calibrate(observations, replace(markers, length_unit="mm"), cameras, views, datum=Free(), distances=bars)
+    markers = replace(markers, length_unit="mm")
+    return self_calibrate(observations, markers, cameras, views, datum=Free(), distances=bars)
 
 
 @pytest.mark.parametrize(("times", "unit"), [(1e-3, "m"), (1 / 25.4, "inch"), (0.1, "cm")])
