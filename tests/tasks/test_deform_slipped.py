@@ -57,7 +57,19 @@ def values(frames):
 def test_a_jump_of_nearly_a_spacing_or_two_of_them_is_seen_by_the_ends_of_the_rows():
     frames = followed(image(0.0), image(23.0), image(46.0), image(-3.0))
     assert values(frames) == pytest.approx([0.0, 23.0, 46.0, -3.0], abs=0.05)
-    assert all(f.state.doubts == () and len(f.observations) == len(BODY) + len(PANEL) for f in frames)
+    assert all(len(f.observations) == len(BODY) + len(PANEL) for f in frames)
+    # That it was moved on is said, and the frame after it, which is where it was to be expected, is none to be doubted.
+    said = [[str(d) for d in f.state.doubts] for f in frames]
+    assert [len(s) for s in said] == [0, 1, 0, 1]
+    words = "panel was found one spacing of 25 mm nearer than its ends show, and was moved on: with panel.s = 2"
+    assert words in said[1][0]
+
+
+def test_one_disc_more_beyond_a_row_that_is_hidden_in_part_moves_nothing_on():
+    """A screw where the next marker would be, and a cover over the other end."""
+    screw, covered = PANEL[[4]] + np.array([25.0, 0.0, 0.0]), np.delete(PANEL, END, axis=0)
+    frames = followed(image(0.0), image(3.0), image(6.0, np.vstack([covered, screw])))
+    assert values(frames) == pytest.approx([0.0, 3.0, 6.0], abs=0.05)
 
 
 def test_rows_that_go_on_beyond_the_table_say_nothing_where_a_marker_is_lost():

@@ -367,7 +367,7 @@ class _Follower:
         other = self._there(self._believed(images), rival.state, labelled, LEAST_PX)
         better = not isinstance(other, str) and other[0].used.sum() > state.used.sum()
         if better and rival.sure:
-            return other
+            return (rival.taken(other[0], state), *other[1:])
         self._solved, self._texture = before
         if not better:
             return found

@@ -30,7 +30,8 @@ Ints = NDArray[np.int64]
 Masks = Mapping[str, NDArray[np.bool_]]
 
 SURE = 2
-"""So many spots more than the other explanation has are no chance: each is within a pixel of its predicted place."""
+"""So many spots more than the other explanation has, at so many places, are no chance: each is within a pixel of its
+predicted place. One disc is seen by several cameras."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +53,28 @@ class Rival:
 
     def doubt(self, found: Deformation) -> Doubt:
         """That the state that was found may be slipped."""
-        volumes, unit = found.volumes, length_unit(found.volumes)
-        values = " and ".join(
-            f"{volumes.names[k]} = {g3(self.state.q[k])} in place of {g3(found.q[k])}"
+        return self._doubt("may be slipped by", self._values(self.state, found))
+
+    def taken(self, other: Deformation, found: Deformation) -> Deformation:
+        """The state with the part further on, in place of the one that was found, which is said.
+
+        That its spots are its markers' rests on those at its ends alone: something else may stand there.
+        """
+        ends = " nearer than its ends show, and was moved on"
+        doubt = self._doubt("was found", self._values(other, found), ends)
+        names = tuple(dict.fromkeys((*other.suspect, *doubt.names)))
+        return replace(other, doubts=(*other.doubts, doubt), suspect=names)
+
+    def _values(self, first: Deformation, second: Deformation) -> str:
+        return " and ".join(
+            f"{first.volumes.names[k]} = {g3(first.q[k])} in place of {g3(second.q[k])}"
             for k in self.slide.columns.tolist()
         )
+
+    def _doubt(self, what: str, values: str, then: str = "") -> Doubt:
+        unit = length_unit(self.state.volumes)
         return Doubt((self.slide.volume,), (
-            f"{{}} may be slipped by one spacing of {g3(self.slide.spacing)} {unit}".rstrip() + f": with {values} "
+            f"{{}} {what} one spacing of {g3(self.slide.spacing)} {unit}".rstrip() + f"{then}: with {values} "
             f"{self.more} more of its spots are explained; see in the pictures which of its markers are at its ends"
         ), "layout")  # fmt: skip
 
@@ -106,13 +122,14 @@ class Slips:
             there = {n: self._there(images[n], n, other, placed, slide, labelled[n], hidden.get(n)) for n in lost}
             new = {n: there[n] - self.beyond.get((n, number), frozenset()) for n in lost}
             more = sum(len(new[n]) - lost[n] for n in lost)
+            places = len(frozenset[int]().union(*new.values()))
             if more <= 0:
                 beyond.update({(n, number): there[n] for n in lost})
                 continue
             known = all((n, number) in self.beyond for n in lost)
             alike = best is not None and (more == best.more or (alike and more < best.more))
             if best is None or more > best.more:
-                best = Rival(other, slide, more, known and more >= SURE)
+                best = Rival(other, slide, more, known and min(more, places) >= SURE)
         if best is None:  # a part that slipped has its own spots there
             self.beyond.update(beyond)
             return None
