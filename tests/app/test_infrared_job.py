@@ -100,7 +100,9 @@ def test_temperatures_are_named_everywhere(windmark, registered, warm, tmp_path)
     with xarray.open_dataset(place / "pixels.nc", engine="h5netcdf") as pixels:
         assert pixels["temperature_K"].attrs["units"] == "K"
         kelvin = 273.15 + 0.01 * io.read_image(warm / "wind-off.tif").astype(float)
-        np.testing.assert_allclose(pixels["temperature_K"].values, kelvin, rtol=1e-6)
+        told = np.isfinite(pixels["temperature_K"].values)
+        assert 0 < (~told).sum() < 50  # hot and dead pixels
+        np.testing.assert_allclose(pixels["temperature_K"].values[told], kelvin[told], rtol=1e-6)
     assert "temperature_K [K]" in (place / "nodes.csv").read_text().split("\n", 1)[0]
     assert (place / "nodes.nam").read_text().startswith("temperature_K [K]")
     page = (tmp_path / "k" / "report.html").read_text(encoding="utf-8")
