@@ -135,7 +135,9 @@ def test_steps_alone_detect_register_resect(virtual_test, tmp_path, windmark):
         assert len(rows) > 100_000
         xy = camera.project(pose.apply(xyz[rows, columns]))[0]
         np.testing.assert_allclose(xy, np.stack([columns, rows], axis=-1), atol=1e-6)
-        np.testing.assert_array_equal(found["value"], io.read_image(image))
+        told = np.isfinite(found["value"].values)
+        assert 0 < (~told).sum() < 50  # hot and dead pixels
+        np.testing.assert_array_equal(found["value"].values[told], io.read_image(image)[told])
 
 
 @pytest.mark.slow
