@@ -47,6 +47,13 @@ def test_even_pictures_and_numbers_that_are_no_levels_clip_nowhere(levels):
     assert clipped_level(levels) == np.inf
 
 
+def test_a_picture_of_which_all_but_its_markers_may_be_clipped_is_not_surely():
+    y, x = np.indices((120, 160))
+    rims = np.clip(np.hypot((x % 40) - 20.3, (y % 40) - 19.6) - 4.0, 0, 1)
+    drawn = np.rint(60 + 80 * np.minimum(rims, 1)).astype(np.uint8)
+    assert (clipped_level(drawn), clipped_level(drawn, surely=False)) == (np.inf, 140)
+
+
 @pytest.mark.parametrize("scale", [1.0, 1 / 255])
 @pytest.mark.parametrize("noise", [0.0, 0.05, 3.0])
 def test_pictures_of_floats_clip_where_noise_ends_at_one_number(scale, noise):

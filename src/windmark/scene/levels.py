@@ -29,16 +29,18 @@ camera writes into its first pixels); different levels from which on it is no ac
 that happens once in 2^20."""
 
 
-def clipped_level(picture: NDArray[np.generic]) -> float:
+def clipped_level(picture: NDArray[np.generic], *, surely: bool = True) -> float:
     """The largest level of a picture (NaN: no pixel) that is clipped there, by the pixels that pile up; else inf.
 
     A camera clips where its electronics do, which may be far below the largest number that a file could hold. An even
-    plate without noise piles up as well: so the other pixels must show that noise is more than rounding leaves.
+    plate without noise piles up as well: so the other pixels must show that noise is more than rounding leaves; that it
+    is noise and not the rims of markers is asked only where it must be ``surely`` clipped. Of a picture of which all is
+    clipped but its markers, little else is left.
     """
     if picture.dtype.kind not in "uif" or not picture.size:
         return float("inf")
     top = _lowest_plateau(picture)
-    return float(top) if top is not None and _has_noise(picture, top) else float("inf")
+    return float(top) if top is not None and _has_noise(picture, top, surely) else float("inf")
 
 
 def _lowest_plateau(picture: NDArray[np.generic]) -> np.generic | None:
@@ -67,7 +69,7 @@ def _lowest_plateau(picture: NDArray[np.generic]) -> np.generic | None:
     return found
 
 
-def _has_noise(picture: NDArray[np.generic], top: np.generic) -> bool:
+def _has_noise(picture: NDArray[np.generic], top: np.generic, surely: bool) -> bool:
     """Whether second differences along the rows, of pixels below ``top``, are those of noise.
 
     They change their sign from pixel to pixel, which those of a smooth picture or of the rims of discs do not (at most
@@ -81,11 +83,13 @@ def _has_noise(picture: NDArray[np.generic], top: np.generic) -> bool:
     below = np.asarray(levels < top)
     inside = below[:, :-2] & below[:, 1:-1] & below[:, 2:]
     if not inside.any():
-        return True
+        return not surely
     step, least = _step_of(levels[below])
     large = inside & (np.abs(change) >= max(1.99 * step, least))
     if step and large.sum() <= NOISY * inside.sum():
         return False
+    if not surely:
+        return True
     both = large[:, :-1] & large[:, 1:]
     first, second = change[:, :-1][both], change[:, 1:][both]
     # The smallest ones are those of noise, if there is any: rims have large ones, and not by turns.

@@ -66,7 +66,7 @@ def _saturated(grey: NDArray[np.generic]) -> tuple[float, float]:
     """Part of the pixels at the level where the picture is clipped, and that; 0 and the highest where it is not."""
     if grey.dtype.kind not in "ui" or not grey.size:
         return 0.0, np.nan
-    level = clipped_level(grey)
+    level = clipped_level(grey, surely=False)
     return (float((grey >= level).mean()), level) if level < np.inf else (0.0, float(grey.max()))  # type: ignore[operator]
 
 
