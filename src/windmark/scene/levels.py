@@ -17,9 +17,9 @@ APART = 8
 NOISY = 0.2
 """Part of second differences of two levels and more: white noise of a third of a level has one in seven, of half a
 level three in ten, rounding alone hardly any."""
-SMOOTH, EVEN, ALTERNATE, SMALLEST = 1e-5, 0.05, 0.5, 4
+SMOOTH, EVEN, ALTERNATE, SMALLEST = 1e-5, 0.05, 0.45, 2
 """Part of a picture's range that is left of the rounding of floats; part of a step by which levels may be off. Of white
-noise, 73 in 100 second differences have another sign than their neighbour; it is asked of the smallest, one in four."""
+noise, 73 in 100 second differences have another sign than their neighbour, of the smaller half more than half."""
 ENOUGH, A_FEW = 1_000_000, 1000
 """Pixels, in whole rows, that tell it; pixels that say of a picture that it is no mask."""
 
