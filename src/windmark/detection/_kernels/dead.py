@@ -55,32 +55,9 @@ def _excess(g: Any, y: int, x: int, besides: int) -> Any:
 
 
 @nb.njit(cache=True, nogil=True)
-def _is_dead(g: Any, y: int, x: int, least: float, ratio: float, pair_ratio: float) -> bool:
-    """Whether a pixel leaves the range of its 8 neighbours, none of which is NaN; or, with one of them that does so,
-    too, that of all others by `pair_ratio` (0: not asked).
-    """
-    over, under, wide, lowest, highest = _excess(g, y, x, 4)
-    excess = max(over, under)
-    if excess > least and excess > ratio * wide:
-        return True
-    if pair_ratio == 0.0 or not wide > least:
-        return False
-    for sign in range(2):
-        other = highest if sign == 0 else lowest
-        j, i = y - 1 + other // 3, x - 1 + other % 3
-        if not (0 < j < g.shape[0] - 1 and 0 < i < g.shape[1] - 1):
-            continue
-        mine, its = _excess(g, y, x, other), _excess(g, j, i, 8 - other)
-        own, partner = (mine[0], its[0]) if sign == 0 else (mine[1], its[1])
-        if min(own, partner) > least and own > pair_ratio * mine[2] and partner > pair_ratio * its[2]:
-            return True
-    return False
-
-
-@nb.njit(cache=True, nogil=True)
 def dead_pixels(g: Any, least: float, ratio: float, pair_ratio: float) -> Any:
-    """Pixels (K, 2: row, column) that leave the range of their 8 neighbours by `least` and by `ratio` times it, and
-    pairs of them by `pair_ratio` (0: not asked).
+    """Pixels (K, 2: row, column) that leave the range of their 8 neighbours by `least` and by `ratio` times it; and
+    those which, with one neighbour that does so, too, leave that of all others by `pair_ratio` times it (0: not asked).
 
     Nothing that an optic has imaged does that. Pixels of the border, and next to a NaN, are left alone.
     """
@@ -94,7 +71,18 @@ def dead_pixels(g: Any, least: float, ratio: float, pair_ratio: float) -> Any:
         for x in range(1, n - 1):
             a, b = here[x] - here[x - 1], here[x] - here[x + 1]
             up, down = int(a > limit) + int(b > limit), int(a < -limit) + int(b < -limit)
-            if max(up, down) + pairs >= 2 and _is_dead(g, y, x, least, ratio, pair_ratio):
+            if max(up, down) + pairs < 2:
+                continue
+            over, under, wide, lowest, highest = _excess(g, y, x, 4)
+            dead = max(over, under) > least and max(over, under) > ratio * wide
+            for other in (highest, lowest) if pairs and not dead and wide > least else (4, 4):
+                j, i = y - 1 + other // 3, x - 1 + other % 3
+                if other == 4 or not (0 < j < rows - 1 and 0 < i < n - 1):
+                    continue
+                mine, its = _excess(g, y, x, other), _excess(g, j, i, 8 - other)
+                own, partner = (mine[0], its[0]) if other == highest else (mine[1], its[1])
+                dead |= min(own, partner) > least and own > pair_ratio * mine[2] and partner > pair_ratio * its[2]
+            if dead:
                 if count == out.shape[0]:
                     out = grown(out)
                 out[count, 0], out[count, 1] = y, x
