@@ -429,7 +429,7 @@ def test_a_doubted_grid_under_a_given_pose_is_no_bad_result(tunnel):
     given = ImageResult("a", bright, tunnel.cameras["cam1"])  # clipped: a doubt of its own
     project = SimpleNamespace(length_unit="mm", section=())
     result = SimpleNamespace(images=(given,), markers=tunnel.markers, mesh=mesh, project=project, lost_views=(),
-                             merged=(), unknown_sides=())  # fmt: skip
+                             merged=(), unknown_sides=(), look=None)  # fmt: skip
     verdict = run_verdict(result)
     assert [f.cause for f in verdict.findings] == ["saturated", "grid", "few"]
     assert verdict.word == DOUBTFUL

@@ -23,7 +23,7 @@ from windmark.pipeline.merge import MergeResult, merge_images
 from windmark.pipeline.points import PointSet, load_points, read_lists
 from windmark.pipeline.project import Project
 from windmark.pipeline.results import FramedView, ImageResult, RunResult
-from windmark.pipeline.verdict.grid import grid_notes
+from windmark.pipeline.verdict.grid import grid_look, grid_notes
 from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.resection import PixelMap
 
@@ -116,12 +116,13 @@ def run_project(project: Project, *, progress: Progress = silent, workers: int |
             framed, pixels, lost = map_views(framed, inputs.mesh)
     shown = framed if pixels else ()
     images, merged = _mapped(images, inputs, shown, pixels, points, threads, clock, progress, start.walls)
-    if inputs.markers is not None and inputs.mesh is not None and project.grid is not None:
-        said = grid_notes(inputs.markers, inputs.mesh, project.length_unit)
+    look = None if inputs.markers is None or inputs.mesh is None else grid_look(inputs.markers, inputs.mesh)
+    if look is not None and project.grid is not None:
+        said = grid_notes(look.markers, look.mesh, project.length_unit, look)
         notes += tuple((project.grid.file, text) for text in said)
     notes += tuple((c.file, text) for c in project.camera if (text := inputs.cameras[c.name].note))
     return RunResult(project, inputs.markers, inputs.mesh, tuple(images), clock.seconds, notes, framed, merged,
-                     lost, sides)  # fmt: skip
+                     lost, sides, look)  # fmt: skip
 
 
 def _curved(inputs: Inputs, lengths: Lengths) -> tuple[Inputs, tuple[tuple[Path, str], ...]]:

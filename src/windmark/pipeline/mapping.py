@@ -88,7 +88,7 @@ def map_image(
         with clock("pixel map"):
             seen = resection.map_pixels(mesh, result.camera, pose)
         with clock("sigma of values"):
-            source = prepare(picture_of(result), mesh, options.interpolation, "map_image", seen)
+            source = prepare(picture_of(result, image), mesh, options.interpolation, "map_image", seen)
             sigma = np.sqrt(value_variance(source, nodes, mesh.vertices, values.astype(float))).astype(np.float32)
         with clock("points and lines"):
             tables = image_points(points, source, mesh, max_obliquity_deg=options.max_obliquity_deg)

@@ -59,13 +59,13 @@ class MergeResult:
         return self.outcome if isinstance(self.outcome, MergedViews) else None
 
 
-def picture_of(item: ImageResult, noise: resection.NoiseLaw | None = None) -> Picture:
-    """An image, in its own quantity, with its pose as the rooms take it."""
+def picture_of(item: ImageResult, light: NDArray[np.generic] | None = None) -> Picture:
+    """An image, in its own quantity, with its pose as the rooms take it; its ``light``, where that is at hand."""
     assert item.image is not None
     assert item.cam_from_model is not None
     cov = item.pose_cov if item.registered is None else item.registered.cov
-    whole, light = item.quantity.of(item.image), item.light
-    if noise is None and (light is not whole or item.apart > 1):
+    whole, light, noise = item.quantity.of(item.image), item.light if light is None else light, None
+    if light is not whole or item.apart > 1:
         # Of the levels as the camera stored them, with the noise of rounding.
         noise = resection.noise_law(whole, apart=None if item.apart == 1 else item.apart)
     return Picture(item.name, light, item.camera, item.cam_from_model, noise, cov)

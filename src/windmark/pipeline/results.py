@@ -23,6 +23,7 @@ from windmark.tasks.together import Together
 
 if TYPE_CHECKING:
     from windmark.pipeline.merge import MergeResult
+    from windmark.pipeline.verdict.grid import GridLook
 
 Array = NDArray[np.float64]
 
@@ -170,6 +171,8 @@ class RunResult:
     """Views that show nothing, with the reason."""
     unknown_sides: tuple[str, ...] = ()
     """Zones that are the sides of a part without thickness, of which nothing tells which is which, in words."""
+    look: GridLook | None = None
+    """How the grid stands to the markers; None where it was not looked at."""
 
     @property
     def left_out(self) -> tuple[str, ...]:

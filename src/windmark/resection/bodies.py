@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,8 +36,12 @@ class Unborne:
     about: float = 0.0
 
 
-def unborne(mesh: Mesh, xyz: Array, within: float) -> list[Unborne]:
+def unborne(
+    mesh: Mesh, xyz: Array, within: float, searched: Callable[[], Search] | None = None
+) -> list[Unborne]:
     """Bodies of the grid that bear none of the points (N, 3) within a distance, and touch none that bears some.
+
+    ``searched`` makes the search of the grid, where something else wants it, too.
 
     Bodies are `Mesh.pieces`. A wing that runs into a body without a common node touches it: their nodes are nearer than
     the longest edges there. Empty where no body bears a point, or all do.
@@ -45,7 +50,7 @@ def unborne(mesh: Mesh, xyz: Array, within: float) -> list[Unborne]:
     names = np.unique(piece)
     if len(names) < 2 or not len(xyz):
         return []
-    search, nowhere = Search(mesh), np.full(3, np.nan)
+    search, nowhere = Search(mesh) if searched is None else searched(), np.full(3, np.nan)
     found = [search.nearest(p, nowhere, "", within) for p in xyz]
     bearing = {int(piece[f[0]]) for f in found if f is not None}
     if not bearing or len(bearing) == len(names):

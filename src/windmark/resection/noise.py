@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,35 +90,37 @@ def noise_law(image: ArrayLike, *, most: int = MOST_PIXELS, apart: int | None = 
     if pixels.ndim != 2:
         raise ValueError(f"noise_law: image must be (H, W), got {pixels.shape}")
     least = 1 / 12 if pixels.dtype.kind in "biu" else 0.0
-    if apart is None:
-        apart = _spread_over(pixels, most)
-    if not apart >= 1:
+    if apart is not None and not apart >= 1:
         raise ValueError(f"noise_law: apart must be at least 1 pixel, got {apart!r}")
+    at = cache(partial(_differences, pixels, most))
+    if apart is None:
+        apart = _spread_over(at, min(pixels.shape))
     if min(pixels.shape) < 2 * apart + 1:
         return NoiseLaw(least, 0.0, least)
-    level, mixed = _differences(pixels, most, apart)
+    level, mixed = at(apart)
     law = _fitted(level, mixed, least)
     if apart == 1 or not len(mixed):
         return law
-    beside = float(np.median(_differences(pixels, most, 1)[1]))
+    beside = float(np.median(at(1)[1]))
     return replace(law, alike=max(0.0, 1 - (beside / max(float(np.median(mixed)), 1e-300)) ** 2))
 
 
-def _spread_over(pixels: NDArray[np.generic], most: int) -> int:
+def _spread_over(at: Callable[[int], tuple[Array, Array]], width: int) -> int:
     """Pixels over which the noise of neighbours is alike: so far apart they scatter far more than neighbours do.
 
     And as much where they are still farther apart: shading scatters more then, a pattern less. And normally: what many
     markers, of which the wider differences have more, make of noise with pixels of its own is not. 1 where there is no
-    such distance.
+    such distance. ``at`` gives `_differences` of a picture whose shorter side is ``width``.
     """
-    if min(pixels.shape) <= 2 * FAR[-1]:
+    if width <= 2 * FAR[-1]:
         return 1
-    mixed = [_differences(pixels, most, apart)[1] for apart in (1, *FAR)]
-    near, *usual = map(_usual, mixed)
+    usual = cache(lambda apart: _usual(at(apart)[1]))
     for k, far in enumerate(FAR[:-2]):
-        beyond = np.array(usual[k + 1 : k + 3])
-        level = beyond.max() < STILL * usual[k] and beyond.min() > usual[k] / STILL
-        if near > 0 and usual[k] > ALIKE * near and level and _is_normal(mixed[k + 1]):
+        if not usual(far) > ALIKE * usual(1) > 0:
+            continue
+        beyond = [usual(apart) for apart in FAR[k + 1 : k + 3]]
+        level = max(beyond) < STILL * usual(far) and min(beyond) > usual(far) / STILL
+        if level and _is_normal(at(far)[1]):
             return far
     return 1
 

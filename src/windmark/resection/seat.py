@@ -6,6 +6,7 @@ tells: they never touch the grid. Distances from the surface do.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 
@@ -85,7 +86,9 @@ class Seat:
         return float(np.quantile(self.distance, 0.25))
 
 
-def seat(mesh: Mesh, xyz: ArrayLike, normal: ArrayLike | None = None) -> Seat:
+def seat(
+    mesh: Mesh, xyz: ArrayLike, normal: ArrayLike | None = None, searched: Callable[[], Search] | None = None
+) -> Seat:
     """How points (N, 3) lie on the surface that they should lie on.
 
     Parameters
@@ -93,6 +96,7 @@ def seat(mesh: Mesh, xyz: ArrayLike, normal: ArrayLike | None = None) -> Seat:
     mesh : the surface
     xyz : (N, 3) at least one point, all finite
     normal : (N, 3) of the surface at the points, NaN where not known; None for none
+    searched : makes the search of the surface, where something else wants it, too
 
     Returns
     -------
@@ -121,7 +125,7 @@ def seat(mesh: Mesh, xyz: ArrayLike, normal: ArrayLike | None = None) -> Seat:
     rough = _to_corners(mesh, points)
     if (rough < 2 * ROUNDING * size).all():
         return Seat(rough, size)
-    search = Search(mesh)
+    search = Search(mesh) if searched is None else searched()
     distance, place, towards = _onto(search, points, FAR * size)
     off = np.flatnonzero(_is_off(points - place, towards, facing, size))
     close = distance < NEAR * size

@@ -52,7 +52,7 @@ def _lowest_plateau(picture: NDArray[np.generic]) -> np.generic | None:
     some = np.sort(some[np.isfinite(some)])
     if not len(some):
         return None
-    for share in (0.98, 0.5, 0.0):  # few levels are enough of most pictures
+    for share in (0.998, 0.98, 0.5, 0.0):  # few levels are enough of most pictures
         levels, counts = np.unique(picture[picture >= some[int(share * (len(some) - 1))]], return_counts=True)
         if len(levels) > ENOUGH_LEVELS:
             break

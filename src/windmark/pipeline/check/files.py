@@ -19,7 +19,7 @@ from windmark.pipeline.deform.load import WHERE_IT_STANDS
 from windmark.pipeline.settings import existing, existing_picture
 from windmark.pipeline.toml_lines import Key, line_of
 from windmark.pipeline.verdict import BAD
-from windmark.pipeline.verdict.grid import grid_findings, grid_notes
+from windmark.pipeline.verdict.grid import grid_findings, grid_look, grid_notes
 from windmark.scene import MarkerSet, Mesh
 
 MOST_PICTURES = 2000
@@ -136,13 +136,14 @@ class Files:
             self.out.problems.append(Problem(line_of(self.lines, keys_of(key)), key, words))
 
     def _fit(self, markers: MarkerSet, mesh: Mesh, unit: str) -> None:
-        for found in grid_findings(markers, mesh, unit):
+        look = grid_look(markers, mesh)
+        for found in grid_findings(markers, mesh, unit, look=look):
             if found.word == BAD or found.cause == "units":
                 line = line_of(self.lines, ("markers", "file"))
                 self.out.problems.append(Problem(line, "markers.file", found.reason))
             else:
                 self.out.read.append(f"to look at: {found.reason}")
-        self.out.read += [f"unchecked: {said}" for said in grid_notes(markers, mesh, unit)]
+        self.out.read += [f"unchecked: {said}" for said in grid_notes(markers, mesh, unit, look)]
 
     def _image(self, n: int, entry: dict[str, Any]) -> None:
         file, key = entry.get("file"), f"image[{self.numbers[n] if self.numbers else n}].file"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.resection.bodies import Unborne, unborne
+from windmark.resection.nearest import Search
 from windmark.resection.seat import FAR, NEAR, OFF, Seat, seat
 from windmark.scene import MarkerSet, Mesh
 from windmark.scene.doubled import part_of, zone_of
@@ -22,40 +24,71 @@ from windmark.scene.units import spelt
 _STEP = "bring grid and table of markers into one frame, at one size: pictures are mapped to the grid where it stands"
 
 
+class GridLook:
+    """How a grid stands to a table of markers, each part looked at once, when it is asked for.
+
+    Parameters
+    ----------
+    markers, mesh : with at least one marker of the model, and one triangle
+    """
+
+    def __init__(self, markers: MarkerSet, mesh: Mesh) -> None:
+        self.markers, self.model, self.nodes = markers, markers.take(markers.role != "wall"), lone_nodes(mesh)
+        # How large the grid is, and what is how far from it, does not hang on lone nodes.
+        theirs = np.asarray(np.isin(mesh.triangles, [n.node for n in self.nodes]).any(axis=1))
+        self.mesh, self.rest = mesh, part_of(mesh, ~theirs) if self.nodes else mesh
+
+    @cached_property
+    def _search(self) -> Search:
+        return Search(self.rest)
+
+    @cached_property
+    def seat(self) -> Seat:
+        """Of the model's markers."""
+        return seat(self.rest, self.model.xyz, self.model.normal, lambda: self._search)
+
+    @cached_property
+    def bare(self) -> list[Unborne]:
+        """Bodies without a marker."""
+        return unborne(self.rest, self.markers.xyz, NEAR * self.rest.size, lambda: self._search)
+
+
+def grid_look(markers: MarkerSet, mesh: Mesh) -> GridLook | None:
+    """None where there is nothing to be looked at."""
+    return GridLook(markers, mesh) if (markers.role != "wall").any() and len(mesh.triangles) else None
+
+
 def grid_findings(
-    markers: MarkerSet, mesh: Mesh, unit: str, seen: NDArray[np.bool_] | None = None
+    markers: MarkerSet, mesh: Mesh, unit: str, seen: NDArray[np.bool_] | None = None, look: GridLook | None = None
 ) -> list[Finding]:
     """Nodes far from all their neighbours; markers and grid in different units, or the markers beside its surface; a
     body that is there as the mirror image of another one only. ``seen``: (V,) nodes that a picture shows; None for all.
+    ``look``: where there is one already.
     """
-    model = markers.take(markers.role != "wall")
-    if not (len(model) and len(mesh.triangles)):
+    look = grid_look(markers, mesh) if look is None else look
+    if look is None:
         return []
-    nodes = lone_nodes(mesh)
-    # How large the grid is, and what is how far from it, does not hang on them.
-    theirs = np.asarray(np.isin(mesh.triangles, [n.node for n in nodes]).any(axis=1))
-    rest = part_of(mesh, ~theirs) if nodes else mesh
-    seated = units_findings(markers, rest, unit) or _beside(seat(rest, model.xyz, model.normal), model, unit)
-    return [*_alone(mesh, nodes, unit), *(seated or _copied(markers, rest, unit, seen))]
+    seated = units_findings(markers, look.rest, unit) or _beside(look.seat, look.model, unit)
+    return [*_alone(mesh, look.nodes, unit), *(seated or _copied(look, unit, seen))]
 
 
-def grid_notes(markers: MarkerSet, mesh: Mesh, unit: str) -> list[str]:
+def grid_notes(markers: MarkerSet, mesh: Mesh, unit: str, look: GridLook | None = None) -> list[str]:
     """What of markers and grid nothing checks, in words: markers far beside the surface where that is no doubt of it
-    (a part that the grid has not), and bodies that bear none.
+    (a part that the grid has not), and bodies that bear none. ``look``: where there is one already.
     """
-    model = markers.take(markers.role != "wall")
-    if not (len(model) and len(mesh.triangles)) or likely_unit(model.xyz, model_box(mesh), unit)[0]:
+    look = grid_look(markers, mesh) if look is None else look
+    if look is None or likely_unit(look.model.xyz, model_box(look.rest), unit)[0]:
         return []
-    found = seat(mesh, model.xyz, model.normal)
+    found = look.seat
     if found.mirror is not None or found.moved is not None or found.most > OFF * found.size:
         return []  # a finding says it
     out = []
     if len(found.hanging):
         out.append(
-            f"{_hanging(found, model, unit)}: on a part that the grid has not, or that it has elsewhere; the others do"
-            " not tell which"
+            f"{_hanging(found, look.model, unit)}: on a part that the grid has not, or that it has elsewhere; the "
+            "others do not tell which"
         )
-    bare = [_name(mesh, body) for body in unborne(mesh, markers.xyz, NEAR * mesh.size)]
+    bare = [_name(look.rest, body) for body in look.bare]
     if bare:
         said = listed("part", list(dict.fromkeys(bare)))
         out.append(f"without a marker, and touching nothing that has one: {said}; that it is there is taken from the "
@@ -67,10 +100,10 @@ def _name(mesh: Mesh, body: Unborne) -> str:
     return zone_of(mesh, int(body.triangles[0]))
 
 
-def _copied(markers: MarkerSet, mesh: Mesh, unit: str, seen: NDArray[np.bool_] | None) -> list[Finding]:
+def _copied(look: GridLook, unit: str, seen: NDArray[np.bool_] | None) -> list[Finding]:
     """Bodies without a marker that are mirror images of one with markers: a grid that was completed by symmetry."""
-    out = []
-    for body in unborne(mesh, markers.xyz, NEAR * mesh.size):
+    out, mesh = [], look.rest
+    for body in look.bare:
         if body.of < 0 or not (seen is None or seen[mesh.triangles[body.triangles]].any()):
             continue
         name, other = _name(mesh, body), zone_of(mesh, body.of)

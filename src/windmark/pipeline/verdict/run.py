@@ -31,7 +31,7 @@ def run_verdict(result: RunResult) -> Verdict:
         found += [f.at(item.name) for f in _image(item, result)]
     if result.markers is not None and result.mesh is not None:
         seen = _seen(result)
-        beside = grid_findings(result.markers, result.mesh, result.project.length_unit, seen)
+        beside = grid_findings(result.markers, result.mesh, result.project.length_unit, seen, result.look)
         # Of a grid that hides the wrong markers no picture may be registered: it is the reason then.
         tried = [item for item in result.images if item.registration is not None]
         none = bool(tried) and all(item.registered is None for item in tried)
