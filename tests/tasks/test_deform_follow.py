@@ -1,5 +1,6 @@
 """Labels without a prediction: spots nearest to the last places, and a sheet that jumps by more than is looked for."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -190,6 +191,38 @@ def test_a_spot_at_a_markers_own_place_in_one_camera_makes_no_other_one_of_the_n
     usual.learn_odd(dict.fromkeys(near, every), test, labelled, None, {})
     assert usual.odd["right"] == odd
     assert usual.odd["left"] == {}
+
+
+class _Interrupted(Exception):
+    pass
+
+
+@pytest.mark.parametrize("where", ["_remember", "_together", "_sights", "_identify"])
+def test_a_frame_that_is_broken_off_leaves_what_was_handed_on_as_it_was(monkeypatch, where):
+    """Resumed, that frame was called a copy of the one before: its own print was among what had been handed on."""
+    stations = tuple(Station(name, CAMERA, AWAY) for name in ("own", "slow"))
+    test = DeformationTest(stations, markers(), Volumes.of([]), look=LookOptions((5.0,)))
+    rng = np.random.default_rng(9)
+    seen = {(n, k): image((k, 0)) + rng.integers(0, 4, (300, 400), np.uint8) for n in ("own", "slow") for k in range(5)}
+    frames = []
+    for k in range(4):
+        early = k - k % 2
+        shots = tuple(Shot(float(t), seen["slow", t]) for t in (early, early + 2))
+        images = {"own": seen["own", k], "slow": seen["slow", early]}
+        frames.append(FrameImages(str(k), float(k), images, {"slow": shots} if k % 2 else {}))
+    kept = {}
+    followed = follow_deformation(frames, test, handed_on=kept)
+    for _ in range(3):
+        next(followed)
+    before = pickle.dumps(kept)
+
+    def broken(*_, **__):
+        raise _Interrupted
+
+    monkeypatch.setattr(follow_module._Follower, where, broken)
+    with pytest.raises(_Interrupted):
+        next(followed)
+    assert pickle.dumps(kept) == before
 
 
 def test_a_camera_of_half_the_rate_shows_its_pictures_once_and_one_that_stands_still_is_said():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -93,7 +94,7 @@ def follow_deformation(
             yield followed
 
 
-_HANDED_ON = ("_memory", "_hidden", "_texture", "_usual", "_left_out", "_prints")
+_MADE_ANEW, _CHANGED_IN_PLACE = ("_memory", "_hidden", "_texture"), ("_usual", "_left_out", "_prints")
 
 
 class _Follower:
@@ -115,10 +116,14 @@ class _Follower:
         self._moved = False  # whether that is a refusal because a camera moved
 
     def handed_on(self) -> dict[str, Any]:
-        """What the next frame goes on with; pictures are not."""
+        """What the next frame goes on with; pictures are not.
+
+        It is a copy: the next frame may be broken off when it has changed a part of what it was given.
+        """
         series = None if self._series is None else self._series.without()
-        own = {name: getattr(self, name) for name in _HANDED_ON}
-        return {"_shots": self._looking.seen, "_series": series, "_beyond": self._slips.beyond, **own}
+        own = {name: deepcopy(getattr(self, name)) for name in _CHANGED_IN_PLACE}
+        own |= {name: getattr(self, name) for name in _MADE_ANEW}
+        return {"_shots": self._looking.seen, "_series": series, "_beyond": dict(self._slips.beyond), **own}
 
     def take_up(self, handed_on: Mapping[str, Any]) -> None:
         """Go on with what `handed_on` gave."""

@@ -26,8 +26,8 @@ class Looking:
 
     @property
     def seen(self) -> dict[str, Shots]:
-        """The shots without their pictures."""
-        return {name: replace(own, image={}) for name, own in self.shots.items()}
+        """The shots without their pictures, as they are now."""
+        return {name: replace(own, image={}, seen=dict(own.seen)) for name, own in self.shots.items()}
 
     def read(self, frame: FrameImages) -> tuple[dict[str, Image], dict[str, str]]:
         """The images that can be read, and what is wrong with the others, by camera."""
