@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from windmark import io
-from windmark.io.recordings.gaps import gaps_between
+from windmark.io.recordings.gaps import gaps_between, said_of
 
 av = pytest.importorskip("av")
 RNG = np.random.default_rng(3)
@@ -239,6 +239,16 @@ def test_frames_that_the_decoder_fills_in_are_refused_and_what_is_coded_from_the
     assert set(range(6, 16)) <= set(refused)
     assert not {0, *range(16, 24)} & set(refused)
     assert 7 in refused[-2:]
+
+
+def test_what_gaps_may_have_spoilt_goes_from_each_to_the_next_frame_that_is_coded_by_itself():
+    keys = np.array([0, 10, 20])
+    assert said_of({}, keys, 30) == ""
+    assert said_of({10: 2}, keys, 30) == "by its time stamps the film lacks pictures: 2 before frame 10"
+    assert said_of({13: 2}, None, 30) == "by its time stamps the film lacks pictures: 2 before frame 13"
+    assert said_of({13: 2}, keys, 30).endswith("coded, frames 13 to 19 are coded from what is not there)")
+    assert "frame 19 are coded" in said_of({19: 1}, keys, 30)
+    assert "frames 25 to 29 and those behind other gaps are coded" in said_of({25: 1, 27: 1}, keys, 30)
 
 
 def test_gaps_are_told_at_a_constant_rate_only():
