@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from windmark.detection.image import check_image, dead_pixels, grey_rows, levels_of, prepare, usable_sample
+from windmark.detection.dead import dead_pixels
+from windmark.detection.image import check_image, grey_rows, levels_of, prepare, usable_sample
 
 
 @pytest.mark.parametrize(

@@ -112,3 +112,13 @@ def test_nodes_on_hot_and_dead_pixels_have_no_value(tmp_path):
     assert (done.saturated, np.nanmax(done.values) < 215) == ("", True)
     verdict = run_verdict(RunResult(work, None, plate(), (done,), {}))
     assert [f.cause for f in verdict.findings] == ["few"]  # poses were given
+
+
+def test_nodes_on_a_dead_column_and_a_group_have_no_value(tmp_path):
+    item = result("a", 0.3)
+    image = np.rint(item.image).astype(np.uint16)
+    image[:, 50], image[40, 70:73] = image[:, 50] + np.uint16(60), 0
+    done = map_image(replace(item, image=image), project(tmp_path, ["a"]), plate(), (), (), silent)
+    gone = done.nodes.visible & np.isnan(done.values)
+    assert done.dead.startswith(f"{gone.sum()} of {done.nodes.visible.sum()} nodes that it shows have no value: their")
+    assert (np.nanmax(done.values) < 215, np.nanmin(done.values) > 185) == (True, True)

@@ -45,7 +45,7 @@ def image_part(
     """Everything on one image, within ``room``; ``shown``: its pixels, see `photo.greys`."""
     if item.problem:
         report.text(item.problem, "bad")
-    for said in filter(None, (item.filled, item.said, item.saturated, item.dead, item.smoothed)):
+    for said in filter(None, (item.filled, item.said, item.saturated, item.dark, item.dead, item.smoothed)):
         report.text(f"{said[0].upper()}{said[1:]}.")
     if item.radius:
         report.text(item.radius.reason, "soft")

@@ -147,7 +147,7 @@ def image_line(item: ImageResult, result: RunResult) -> str:
     if item.values is not None and result.mesh is not None:
         kind = "values" if item.quantity.name == "grey" else f"{item.quantity.name} ({item.quantity.unit})"
         parts.append(f"{kind} on {int((item.values == item.values).sum())} of {len(item.values)} nodes")
-    parts += [said for said in (item.saturated, item.dead, item.smoothed) if said]
+    parts += [said for said in (item.saturated, item.dark, item.dead, item.smoothed) if said]
     parts += [_points_words(merge_outputs.table_summary(table)) for table in item.points]
     return f"{item.name}: " + "; ".join(parts)
 

@@ -17,9 +17,6 @@ SAMPLE = 20_000  # pixels that say what an image's levels and noise are, to abou
 BLOCK_ROWS = 32  # converted at a time: they stay in the cache
 DEAD_NOISE = 10.0  # a dead pixel leaves the range of its neighbours by so many times the noise
 DEAD_RATIO = 5.0  # and by so many times that range: the smallest disc, blurred by 0.4 px, does so 2.8 times
-LEAST_DEAD = 0.02  # part of an image's range by which a dead pixel leaves that of its neighbours
-MOST_DEAD = 0.01  # part of a sensor's pixels: one with more has no picture
-PAIR_RATIO = 8.0  # the same of two neighbours: a point of light of 0.5 px between them does so 6.4 times
 Pixels = NDArray[np.float32]
 
 
@@ -132,7 +129,7 @@ def levels_of(
     """The levels of an image, given its `usable_sample`."""
     offset, step = float(np.median(sample)), _step(sample)
     every = max(1, image.size // SAMPLE)
-    rows, _ = _shifted(image[::every], None if use is None else use[::every], sign, offset)
+    rows, _ = shifted(image[::every], None if use is None else use[::every], sign, offset)
     return Levels(sign, offset, step, max(DEAD_NOISE * _noise(rows), 3.0 * step))
 
 
@@ -147,34 +144,13 @@ def grey_rows(
 
     top, bottom = max(first - 1, 0), min(last + 1, len(image))
     part = None if use is None else use[top:bottom]
-    g, missing = _shifted(image[top:bottom], part, levels.sign, levels.offset)
+    g, missing = shifted(image[top:bottom], part, levels.sign, levels.offset)
     dead = dead_pixels(g, levels.dead, DEAD_RATIO, 0.0)
     g[dead[:, 0], dead[:, 1]] = np.nan
     return g[first - top : last - top], missing or bool(len(dead))
 
 
-def dead_pixels(image: ArrayLike) -> NDArray[np.bool_] | None:
-    """(H, W) the hot and dead pixels of an image, which leave the range of their neighbours as nothing does that an
-    optic has imaged; None where there are none, or so many that it is how the picture was drawn. `detect` leaves them
-    out by itself.
-    """
-    from windmark.detection._kernels import dead
-
-    grey = check_image(image)
-    sample = usable_sample(grey, None)
-    if sample.size == 0:
-        return None
-    levels = levels_of(grey, 1.0, None, sample)
-    least = max(levels.dead, LEAST_DEAD * float(np.ptp(sample)))  # noise that compression has taken away limits nothing
-    found = dead.dead_pixels(_shifted(grey, None, 1.0, levels.offset)[0], least, DEAD_RATIO, PAIR_RATIO)
-    if not 0 < len(found) <= MOST_DEAD * grey.size:
-        return None
-    out = np.zeros(grey.shape, bool)
-    out[found[:, 0], found[:, 1]] = True
-    return out
-
-
-def _shifted(
+def shifted(
     image: NDArray[np.generic], use: NDArray[np.bool_] | None, sign: float, offset: float
 ) -> tuple[Pixels, bool]:
     """The image as float32 sign * (image - offset), NaN where not finite or not used, and whether there is a NaN."""

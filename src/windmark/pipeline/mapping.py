@@ -14,6 +14,7 @@ from scipy.ndimage import binary_dilation
 from windmark import resection
 from windmark.errors import DataError, WindmarkError
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.black import black_pixels
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.light import full_pixels
 from windmark.pipeline.merge import picture_of
@@ -66,9 +67,12 @@ def map_image(
     options, pose = project.resect, result.cam_from_model
     if pose is None or result.image is None:
         return result
-    image = result.light
     clock = Clock(progress, result.name)
     try:
+        with clock("pixel map"):
+            seen = resection.map_pixels(mesh, result.camera, pose)
+            result = replace(result, black=black_pixels(result.image, seen.valid))
+        image = result.light
         with clock("visibility"):
             nodes = resection.see_nodes(mesh, result.camera, pose, max_obliquity_deg=options.max_obliquity_deg)
         with clock("node values"):
@@ -85,8 +89,6 @@ def map_image(
             sections = _each(
                 project.section, lambda cut: _section(cut, image, result.camera, pose, mesh, options), lost
             )
-        with clock("pixel map"):
-            seen = resection.map_pixels(mesh, result.camera, pose)
         with clock("sigma of values"):
             source = prepare(picture_of(result, image), mesh, options.interpolation, "map_image", seen)
             sigma = np.sqrt(value_variance(source, nodes, mesh.vertices, values.astype(float))).astype(np.float32)
@@ -114,7 +116,7 @@ def _smoothed(noise: object, apart: int) -> str:
 
 
 def _without_lost(result: ImageResult, light: NDArray[np.generic], project: Project) -> ImageResult:
-    """An image with what is said of its nodes that have no value because their pixels are saturated, hot or dead."""
+    """An image with what is said of its nodes that have no value because their pixels are clipped, hot or dead."""
     assert result.image is not None
     assert result.nodes is not None
     assert result.values is not None
@@ -123,12 +125,18 @@ def _without_lost(result: ImageResult, light: NDArray[np.generic], project: Proj
     known = partial(resection.node_values, view=result.nodes, interpolation=project.resect.interpolation)
     stored = np.isfinite(known(result.image))
     full, level = full_pixels(result.image, result.mixed)
-    lit = np.isfinite(known(missing_at(result.image, full)))
-    shown, gone, dead = (int(which.sum()) for which in (stored, stored & ~lit, lit & ~np.isfinite(result.values)))
+    not_full = missing_at(result.image, full)
+    lit, bright = np.isfinite(known(not_full)), np.isfinite(known(missing_at(not_full, result.black)))
+    shown, gone, dark, dead = (
+        int(which.sum()) for which in (stored, stored & ~lit, lit & ~bright, bright & ~np.isfinite(result.values))
+    )
     having = f"of {shown} nodes that it shows have no value: their pixels"
     if gone:
         said = f"{gone} {having} are saturated, {level}"
         result = replace(result, saturated=said, saturated_part=gone / shown)
+    if dark:
+        said = f"{dark} {having} are clipped at black, where their noise ends, or beside such"
+        result = replace(result, dark=said, dark_part=dark / shown)
     if dead:
         result = replace(result, dead=f"{dead} {having} are hot or dead ones, or beside such")
     return result

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import resection
+from windmark.pipeline.black import black_pixels
 from windmark.pipeline.points import MergedTable, PointSet, merged_points
 from windmark.pipeline.project import Project
 from windmark.pipeline.quantity import Quantity
@@ -16,6 +17,7 @@ from windmark.pipeline.results import FramedView, ImageResult, ViewImage
 from windmark.pipeline.wanted import groups
 from windmark.resection import MergedValues, MergedViews, NotMerged, Picture, PixelMap
 from windmark.scene import Mesh
+from windmark.scene.levels import missing_at
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ def picture_of(item: ImageResult, light: NDArray[np.generic] | None = None) -> P
     cov = item.pose_cov if item.registered is None else item.registered.cov
     whole, light, noise = item.quantity.of(item.image), item.light if light is None else light, None
     if light is not whole or item.apart > 1:
+        if item.black is not None:  # on the model; behind it, too, noise is too small where it is clipped
+            whole = missing_at(whole, black_pixels(item.image, np.ones(item.image.shape, bool)))
         # Of the levels as the camera stored them, with the noise of rounding.
         noise = resection.noise_law(whole, apart=None if item.apart == 1 else item.apart)
     return Picture(item.name, light, item.camera, item.cam_from_model, noise, cov)

@@ -205,6 +205,8 @@ def image_summary(item: ImageResult, result: RunResult) -> Record:
         record["filled"] = item.filled
     if item.saturated:
         record["saturated"] = item.saturated
+    if item.dark:
+        record["black"] = item.dark
     if item.dead:
         record["dead_pixels"] = item.dead
     if item.smoothed:

@@ -19,6 +19,7 @@ from windmark.pipeline.quantity import Quantity
 from windmark.registration import NotRegistered, Registration, RigRegistration
 from windmark.resection import NodeView, PixelMap
 from windmark.scene import Detections, MarkerSet, Mesh
+from windmark.scene.levels import missing_at
 from windmark.tasks.together import Together
 
 if TYPE_CHECKING:
@@ -99,7 +100,8 @@ class ImageResult:
     ``sigma``, views, sections and ``aligned`` are in ``quantity``.
     ``mixed`` are the pixels that were made of saturated ones, of a colour or a mosaic, ``apart`` see `io.Levels`.
     ``saturated`` says how many nodes have no value because their pixels are at the highest level, ``saturated_part``
-    which part of those that it shows; ``dead`` how many because of hot or dead pixels.
+    which part of those that it shows; ``dead`` how many because of hot or dead pixels; ``dark`` and ``dark_part`` are
+    the same of ``black``, the pixels that are clipped at black.
     ``smoothed`` says that the noise of neighbours is alike.
     ``at_pose`` is what it shows of the markers at a pose that was known.
     ``problem`` says in words why it went no further; None when all is well. ``left_out``: views and sections that are
@@ -138,6 +140,9 @@ class ImageResult:
     saturated: str = ""
     saturated_part: float = 0.0
     dead: str = ""
+    black: NDArray[np.bool_] | None = None
+    dark: str = ""
+    dark_part: float = 0.0
     smoothed: str = ""
 
     @property
@@ -149,7 +154,7 @@ class ImageResult:
     def light(self) -> NDArray[np.generic]:
         """(H, W) the image in its quantity, as values are taken of it, see `light_of`."""
         assert self.image is not None
-        return light_of(self.image, self.mixed, self.quantity)
+        return missing_at(light_of(self.image, self.mixed, self.quantity), self.black)
 
 
 @dataclass(frozen=True)

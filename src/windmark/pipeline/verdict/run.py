@@ -126,6 +126,8 @@ def _image(item: ImageResult, result: RunResult) -> list[Finding]:
     found = [] if state is None else picture_findings(state)
     if item.saturated_part > rules.SATURATED_NODES and all(f.cause != "saturated" for f in found):
         found.append(Finding(DOUBTFUL, "saturated", item.saturated, "expose shorter or dim the lamps"))
+    if item.dark_part > rules.SATURATED_NODES:
+        found.append(Finding(DOUBTFUL, "black", item.dark, "light the model more, or subtract no dark level"))
     found += given_pose(item)
     unit = result.project.length_unit
     found += far_findings([table.of for table in item.points], unit)

@@ -20,6 +20,7 @@ CAUSES = {
     "file": "a file that cannot be read, or does not fit the others",
     "format": "what a format does not hold, or holds less exactly",
     "saturated": "a picture at its highest grey level",
+    "black": "a picture clipped at black, where noise ends at its lowest grey level",
     "interlaced": "a picture of two fields, taken one after the other",
     "blurred": "a picture out of focus, or moved while it was taken",
     "swapped": "names exchanged",
