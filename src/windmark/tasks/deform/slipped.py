@@ -160,8 +160,8 @@ class Slips:
             rival = Rival(other, slide, max(more, 0), more - by_markers, False)
             if more <= 0:
                 beyond.update({(n, number): frozenset(m for _, m in there[n].labels) for n in names})
-                seen = any(np.isin(labelled[n].marker, slide.own).any() for n in names)
-                tied += [rival] if seen and more == 0 else []
+                shown = any(np.isin(labelled[n].marker, slide.own).any() for n in names)
+                tied += [rival] if shown and more == 0 else []
                 continue
             known = all((n, number) in self.beyond for n in names)
             alike = best is not None and (more == best.more or (alike and more < best.more))
