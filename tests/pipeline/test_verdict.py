@@ -418,7 +418,7 @@ def test_pictures_of_a_frame_long_before_are_doubted():
 def test_what_all_frames_say_together_is_doubted_as_the_last_one_knows_it():
     six, none = np.zeros(6), np.zeros(0)
     fine = DeformFrame(0, "0", 0.0, 0.0, "tracked", "", 0.1, 80, 0, 0.01, 1.0, none, none, six, six, none, none)
-    words = [f"pictures of cam2 are {n} frames later than those of cam1" for n in (1.2, 1.0)]
+    words = [f"pictures of cam2 show the model {n} frames earlier than those of cam1" for n in (1.2, 1.0)]
     two = [replace(fine, index=40 + k, key=str(40 + k), series=(("late", w),), warnings=(w,), causes=("late",))
            for k, w in enumerate(words)]  # fmt: skip
     every = [replace(fine, index=k, key=str(k)) for k in range(40)]

@@ -13,6 +13,7 @@ each load (`loads_of`), which have a share of it in an instant as large as the l
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -203,7 +204,7 @@ class Evidence:
         own = np.r_[1.0, instant.load]
         rest = np.arange(len(late), len(instant.score))
         which, share = np.r_[late, np.tile(rest, len(own))], np.r_[np.ones(len(late)), np.repeat(own, len(rest))]
-        held = _by_places(instant.by_place, place_cov)
+        held = by_places(instant.by_place, place_cov)
         return replace(
             self, alone=self.alone + np.where(told, instant.score[late] ** 2 / np.where(told, power, 1.0), 0.0),
             moved=self.moved + bool(told.any()), score=self.score + share * instant.score[which],
@@ -223,10 +224,26 @@ class Evidence:
         Power is the inverse covariance of what the sum tells: with b' = b - P_b,beside P_beside^-1 b_beside of score
         and power, b = -P'^-1 s' has the covariance P'^-1 C P'^-1, C that of s'.
         """
+        sums = Sums(self.score, self.power, self.held, self.by_place, self.size2, self.instants)
+        return sums.added(which, beside, place_cov)
+
+
+class Sums(NamedTuple):
+    """The sum over some instants of what they say of n unknowns, see `Evidence`."""
+
+    score: Array
+    power: Array
+    held: Array
+    by_place: Array
+    size2: Array
+    instants: int
+
+    def added(self, which: Ints, beside: Ints, place_cov: Array | None) -> Added:
+        """Some of them with others free beside them, see `Evidence.added`."""
         both, n = np.concatenate([which, beside]), len(which)
         power = self.power[np.ix_(both, both)]
         cov = power * (1 + ALIKE**2 * self.instants) - self.held[np.ix_(both, both)]
-        cov += _by_places(self.by_place[both], place_cov)
+        cov += by_places(self.by_place[both], place_cov)
         size2 = self.size2[both]
         scale = np.sqrt(np.where(size2 > 0, size2, 1.0))
         power, cov = power / np.outer(scale, scale), cov / np.outer(scale, scale)
@@ -245,7 +262,7 @@ class Evidence:
         )
 
 
-def _by_places(by_place: Array, place_cov: Array | None) -> Array:
+def by_places(by_place: Array, place_cov: Array | None) -> Array:
     """(n, n) covariance of scores with derivatives (n, N, 3) by the markers' places."""
     if place_cov is None:
         return np.zeros((len(by_place), len(by_place)))

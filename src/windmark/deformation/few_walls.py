@@ -160,10 +160,15 @@ def _contradicted(equations: Equations, walls: Ints) -> dict[int, float]:
 
 def _by_places(equations: Equations, walls: Ints) -> Added:
     """The places of some markers as unknowns, three each."""
+    return equations.added(columns_of(equations, walls))
+
+
+def columns_of(equations: Equations, walls: Ints) -> Array:
+    """(P, 2 V, 3 W) derivatives of the pixels by the places of some markers."""
     by = equations.by_place
     columns = np.zeros((*by.shape[:2], len(walls), 3))
     columns[walls, :, np.arange(len(walls))] = by[walls]
-    return equations.added(columns.reshape(*by.shape[:2], -1))
+    return columns.reshape(*by.shape[:2], -1)
 
 
 def _healed(solved: Solved, sets: Sequence[tuple[int, ...]], far: float) -> dict[tuple[int, ...], Solved]:
@@ -173,22 +178,27 @@ def _healed(solved: Solved, sets: Sequence[tuple[int, ...]], far: float) -> dict
 
 def _doubt(task: Task, sets: Sequence[tuple[int, ...]], walls: int) -> Doubt:
     """What is said of some sets of markers of which one is displaced."""
-    which = list(dict.fromkeys(n for s in sets for n in s))
+    which, listed = displaced_words(sets)
     names = tuple(str(n) for n in task.markers.name[which])
     held = (f": all cameras move, and {walls} markers on walls are all that holds them; the sigmas hold what that "
             "would change")  # fmt: skip
     if all(len(s) == 1 for s in sets):
         more = "and these pictures hardly tell which" if len(names) > 1 else "or one of its spots is something else's"
-        listed = " or ".join(["{}"] * len(names))
         return Doubt(names, f"{listed} is not where its table has it, {more}{held}", "marker")
-    if len(sets) > 2:
-        count = "two" if all(len(s) == 2 for s in sets) else "one or two"
-        listed = f"{count} of {', '.join(['{}'] * (len(names) - 1))} and {{}}"
-    else:
-        names = tuple(str(n) for s in sets for n in task.markers.name[list(s)])
-        listed = ", or ".join(" and ".join(["{}"] * len(s)) for s in sets) + "," * (len(sets) - 1)
     more = ", and these pictures hardly tell which" if len(sets) > 1 else ""
     return Doubt(names, f"{listed} are not where their table has them{more}{held}", "marker")
+
+
+def displaced_words(sets: Sequence[tuple[int, ...]]) -> tuple[list[int], str]:
+    """Some sets of markers of which one is displaced, as words with a place for the name of each of the first."""
+    which = list(dict.fromkeys(n for s in sets for n in s))
+    if all(len(s) == 1 for s in sets):
+        return which, " or ".join(["{}"] * len(which))
+    if len(sets) > 2:
+        count = "two" if all(len(s) == 2 for s in sets) else "one or two"
+        return which, f"{count} of {', '.join(['{}'] * (len(which) - 1))} and {{}}"
+    listed = ", or ".join(" and ".join(["{}"] * len(s)) for s in sets) + "," * (len(sets) - 1)
+    return [n for s in sets for n in s], listed
 
 
 def _how_far(solved: Solved, out: NDArray[np.bool_]) -> float:

@@ -1,8 +1,8 @@
 """A camera whose pictures are of another time than those of the others, by all instants of a series together.
 
-Paired by number where one camera began a picture later, or dropped one, its pictures show the model where it was a
-frame before. Slow motion hides that in every instant: most of it looks like a motion of the model. What is left grows
-with the motion, which nothing else does.
+Paired by number where one camera began a picture earlier than the others, or one of these dropped a picture, its
+pictures show the model where it was a frame before. Slow motion hides that in every instant: most of it looks like a
+motion of the model. What is left grows with the motion, which nothing else does.
 """
 
 from __future__ import annotations
@@ -32,18 +32,20 @@ STRAIGHT = 0.5
 
 @dataclass(frozen=True)
 class Late:
-    """How much later than the others' the pictures of a camera are.
+    """How long before the moment of the others the pictures of a camera show the model.
 
     Parameters
     ----------
     views : all cameras; ``which`` of them
-    value, sigma : in the unit of the instants
+    value, sigma : in the unit of the instants; negative where they show it after that
+    unit : of the instants, "frames" or "s"
     """
 
     views: tuple[str, ...]
     which: int
     value: float
     sigma: float
+    unit: str = "frames"
 
     @property
     def doubt(self) -> Doubt:
@@ -51,9 +53,9 @@ class Late:
         name = self.views[self.which]
         others = [n for n in self.views if n != name]
         of = others[0] if len(others) == 1 else "the others"
-        side = "later" if self.value > 0 else "earlier"
-        return Doubt((name,), f"pictures of {{}} are {g2(abs(self.value))} ± {g1(self.sigma)} frames {side} than those "
-                     f"of {_escaped(of)}, by all frames together", "late")  # fmt: skip
+        side = "earlier" if self.value > 0 else "later"
+        return Doubt((name,), f"pictures of {{}} show the model {g2(abs(self.value))} ± {g1(self.sigma)} {self.unit} "
+                     f"{side} than those of {_escaped(of)}, by all frames together", "late")  # fmt: skip
 
     def shifts(self, instant: Instant) -> Array:
         """(F, k) by how much what is free in an instant is off, 1 sigma, whichever camera is the one in time."""
@@ -67,12 +69,14 @@ def _escaped(name: str) -> str:
     return name.replace("{", "{{").replace("}", "}}")
 
 
-def lateness(evidence: Evidence, place_cov: Array | None, uneven: float = 0.0) -> Late | None:
+def lateness(
+    evidence: Evidence, place_cov: Array | None, uneven: float = 0.0, unit: str = "frames"
+) -> Late | None:
     """The camera that the series shows at another time than the others; None where none is.
 
     ``uneven``: by which part of itself, root mean square, the model's motion changes from instant to instant. A camera
     shows where the model was, and not where its last step, straight on, would have it. Where it turns round within a
-    few instants, and the states are of both times at once, the value is as uncertain as that.
+    few instants, and the states are of both times at once, the value is as uncertain as that. ``unit`` of the instants.
     """
     if len(evidence.views) < 2 or evidence.moved < MOVED:
         return None
@@ -97,4 +101,4 @@ def lateness(evidence: Evidence, place_cov: Array | None, uneven: float = 0.0) -
         evidence.added(pose, own, place_cov).fitted(np.arange(6))[0]
         for pose in evidence.poses.reshape(-1, 6)
     )  # fmt: skip
-    return Late(evidence.views, which, value_, sigma) if beside > max(BESIDE, off) else None
+    return Late(evidence.views, which, value_, sigma, unit) if beside > max(BESIDE, off) else None
