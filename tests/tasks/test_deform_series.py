@@ -62,14 +62,15 @@ def places(size=0.0, shift=(0, 0, 0), turn=0.0, bent=None):
 
 
 def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=0, walls=True, true=None, seconds=False,
-             only=slice(None)):  # fmt: skip
+             second=None, only=slice(None)):  # fmt: skip
     """Frames of states (places), the second camera ``late`` frames behind; the series and the states of the frames."""
     rng, before, out = np.random.default_rng(seed), None, []
     series = Series.of(test) if series is None else series
     poses = {s.name: s.cam_from_tunnel for s in test.stations}
     for k in range(len(states)):
         stand = [s.cam_from_tunnel for s in (test if true is None else true).stations]
-        xy = [CAMERA.project(pose.apply(states[max(k - c * late, 0)][only]))[0] for c, pose in enumerate(stand)]
+        now = states[k], states[max(k - late, 0)] if second is None else second[k]
+        xy = [CAMERA.project(pose.apply(state[only]))[0] for state, pose in zip(now, stand, strict=True)]
         row = np.arange(len(test.markers))
         xy = np.concatenate(xy) + NOISE * rng.standard_normal((2 * len(row), 2))
         cov = np.tile(NOISE**2 * np.eye(2), (len(xy), 1, 1))
@@ -202,6 +203,35 @@ def test_cameras_that_stand_where_they_should_are_not_said_to_have_been_pushed(w
 def test_spots_between_two_pictures_tell_no_lateness():
     series, _ = followed(plunge(0.1), made(), 1, late=1, shots=(Shot(0.0, None), Shot(1.0, None)))
     assert not series.doubts
+
+
+def swinging(times):
+    """A wing that swings with a period of 12."""
+    angle = 2 * np.pi / 12 * np.asarray(times)
+    return [places(3.0 * s, (0.5 * s, 0.2 * c, s), 0.1 * s) for s, c in zip(np.sin(angle), np.cos(angle), strict=True)]
+
+
+def test_a_camera_whose_clock_runs_fast_is_named_with_its_rate_and_the_sigmas_have_what_it_is_by_now():
+    times = np.arange(20)
+    series, found = followed(swinging(times), made(), 1, seconds=True, second=swinging(0.997 * times))
+    (doubt,) = series.doubts
+    assert (doubt.cause, doubt.names) == ("late", ("cam2",))
+    rate, sigma = series.late.rate
+    assert rate == pytest.approx(0.003, abs=3 * sigma)
+    assert sigma < 0.0005
+    assert str(doubt).startswith("cam2 runs 0.")
+    assert "% fast beside cam1, by all frames together: its pictures show the model 0.0" in str(doubt)
+    assert " s earlier by now" in str(doubt)
+    assert np.abs(sigmas_off(found[-1], swinging(times)[-1])[~WALL]).max() < 4
+
+
+@pytest.mark.parametrize("off", [0.0, 0.05])
+def test_a_clock_that_runs_as_the_others_do_is_not_said_to_run_fast(off):
+    """It may be wrong by the same all the time."""
+    times = np.arange(20)
+    series, _ = followed(swinging(times), made(), 1, seconds=True, second=swinging(times - off))
+    assert bool(series.doubts) == bool(off)
+    assert not off or (series.late.rate is None and abs(series.late.value - off) < 3 * series.late.sigma)
 
 
 def from_walls(size, seed, count, **options):

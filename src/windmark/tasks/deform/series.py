@@ -93,7 +93,7 @@ class Series:
         still = odd or wind_off
         instant = instant_of(equations, self.views, moving, still)
         evidence = self.evidence if self.evidence is not None else Evidence.none(self.views, solved.task.placed)
-        evidence, count = evidence.plus(instant, cov, wind_off), self.with_wind + (not still)
+        evidence, count = evidence.plus(instant, cov, wind_off, frame.instant), self.with_wind + (not still)
         moved2, changed2 = self.moved2, self.changed2
         if moving is not None and self.moving is not None:
             moved2 += float((moving**2).sum() + (self.moving**2).sum()) / 2
