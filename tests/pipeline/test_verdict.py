@@ -431,6 +431,18 @@ def test_what_all_frames_say_together_is_doubted_as_the_last_one_knows_it():
     assert deform_verdict([*every, *two, replace(fine, index=43, key="43")]).word == GOOD  # later ones took it back
 
 
+def test_a_marker_on_a_wall_that_all_frames_show_elsewhere_hides_no_other_marker():
+    six, none = np.zeros(6), np.zeros(0)
+    fine = DeformFrame(0, "0", 0.0, 0.0, "tracked", "", 0.1, 80, 0, 0.01, 1.0, none, none, six, six, none, none)
+    wall = "W03 is not where its table has it, by all frames together"
+    other = "m10 is 0.8 mm from where its table has it"
+    all_say = [replace(fine, index=k, key=str(k), series=(("marker", wall),), warnings=(wall, other),
+                       causes=("marker", "marker")) for k in range(5)]  # fmt: skip
+    reasons = [f.reason for f in deform_verdict(all_say).findings]
+    assert [wall in r for r in reasons].count(True) == 1
+    assert any(other in r for r in reasons)
+
+
 def test_a_part_that_may_have_slipped_in_one_frame_of_many_is_said_and_a_wild_spot_is_not():
     """Its numbers are off by a spacing there, which no sigma has; those of the other are hardly off."""
     words = "panel may be slipped by one spacing of 25 mm"

@@ -28,6 +28,7 @@ FALSE = 2.5e-4
 """Probability that a marker that is where it should be is said not to."""
 INSTANTS = 2
 """Instants that are needed: one tells as much by itself."""
+TOGETHER = "by all frames together"
 MATTERS = 1.0
 """Sigmas by which it must move what is found, for that to be said."""
 
@@ -107,7 +108,7 @@ class Displaced:
         named, listed = displaced_words(self.sets)
         one = all(len(s) == 1 for s in self.sets)
         where = "is not where its table has it" if one else "are not where their table has them"
-        words = f"{listed} {where}, by all frames together"
+        words = f"{listed} {where}, {TOGETHER}"
         if len(self.sets) > 1:
             words += ", which hardly tell which"
         elif one:
