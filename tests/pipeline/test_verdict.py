@@ -418,7 +418,7 @@ def test_pictures_of_a_frame_long_before_are_doubted():
 def test_what_all_frames_say_together_is_doubted_as_the_last_one_knows_it():
     six, none = np.zeros(6), np.zeros(0)
     fine = DeformFrame(0, "0", 0.0, 0.0, "tracked", "", 0.1, 80, 0, 0.01, 1.0, none, none, six, six, none, none)
-    words = [f"pictures of cam2 are {n} frames later than those of cam1" for n in (1.2, 1.0)]
+    words = [f"pictures of cam2 show the model {n} frames earlier than those of cam1" for n in (1.2, 1.0)]
     two = [replace(fine, index=40 + k, key=str(40 + k), series=(("late", w),), warnings=(w,), causes=("late",))
            for k, w in enumerate(words)]  # fmt: skip
     every = [replace(fine, index=k, key=str(k)) for k in range(40)]
@@ -429,6 +429,18 @@ def test_what_all_frames_say_together_is_doubted_as_the_last_one_knows_it():
     assert len(verdict.findings) == 1
     assert "pair the cameras' pictures by time" in verdict.next_step
     assert deform_verdict([*every, *two, replace(fine, index=43, key="43")]).word == GOOD  # later ones took it back
+
+
+def test_a_marker_on_a_wall_that_all_frames_show_elsewhere_hides_no_other_marker():
+    six, none = np.zeros(6), np.zeros(0)
+    fine = DeformFrame(0, "0", 0.0, 0.0, "tracked", "", 0.1, 80, 0, 0.01, 1.0, none, none, six, six, none, none)
+    wall = "W03 is not where its table has it, by all frames together"
+    other = "m10 is 0.8 mm from where its table has it"
+    all_say = [replace(fine, index=k, key=str(k), series=(("marker", wall),), warnings=(wall, other),
+                       causes=("marker", "marker")) for k in range(5)]  # fmt: skip
+    reasons = [f.reason for f in deform_verdict(all_say).findings]
+    assert [wall in r for r in reasons].count(True) == 1
+    assert any(other in r for r in reasons)
 
 
 def test_a_part_that_may_have_slipped_in_one_frame_of_many_is_said_and_a_wild_spot_is_not():

@@ -43,12 +43,14 @@ def bend(xyz, tip):
 VOLUMES = Volumes.of([Volume("wing", bend, parent="body"), Volume("body")])
 
 
-def made(**given):
+def made(only=slice(None), moves=False, **given):
     poses = [Pose.look_at(TARGET + 1045 * np.array([np.sin(a), 0.1 * a, np.cos(a)]), TARGET, [0, 1, 0])
              for a in np.radians([-30, 30])]  # fmt: skip
-    stations = tuple(Station(f"cam{k + 1}", CAMERA, pose) for k, pose in enumerate(poses))
-    sure = np.tile(1e-6 * np.eye(3), (len(MARKERS), 1, 1))
-    return DeformationTest(stations, MARKERS, VOLUMES, **{"marker_cov": sure, **given})
+    known = np.diag([3e-3**2] * 3 + [4.0] * 3) if moves else None
+    stations = tuple(Station(f"cam{k + 1}", CAMERA, pose, moves, known) for k, pose in enumerate(poses))
+    markers = MARKERS.take(np.arange(len(MARKERS))[only])
+    sure = np.tile(1e-6 * np.eye(3), (len(markers), 1, 1))
+    return DeformationTest(stations, markers, VOLUMES, **{"marker_cov": sure, **given})
 
 
 def places(size=0.0, shift=(0, 0, 0), turn=0.0, bent=None):
@@ -59,19 +61,21 @@ def places(size=0.0, shift=(0, 0, 0), turn=0.0, bent=None):
     return np.where(WALL[:, None], MARKERS.xyz, moved)
 
 
-def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=0, walls=True, true=None):
+def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=0, walls=True, true=None, seconds=False,
+             second=None, only=slice(None)):  # fmt: skip
     """Frames of states (places), the second camera ``late`` frames behind; the series and the states of the frames."""
     rng, before, out = np.random.default_rng(seed), None, []
     series = Series.of(test) if series is None else series
     poses = {s.name: s.cam_from_tunnel for s in test.stations}
     for k in range(len(states)):
         stand = [s.cam_from_tunnel for s in (test if true is None else true).stations]
-        xy = [CAMERA.project(pose.apply(states[max(k - c * late, 0)]))[0] for c, pose in enumerate(stand)]
-        xy = np.concatenate(xy) + NOISE * rng.standard_normal((2 * len(MARKERS), 2))
-        row = np.arange(len(MARKERS))
+        now = states[k], states[max(k - late, 0)] if second is None else second[k]
+        xy = [CAMERA.project(pose.apply(state[only]))[0] for state, pose in zip(now, stand, strict=True)]
+        row = np.arange(len(test.markers))
+        xy = np.concatenate(xy) + NOISE * rng.standard_normal((2 * len(row), 2))
         cov = np.tile(NOISE**2 * np.eye(2), (len(xy), 1, 1))
         view, point = np.repeat([0, 1], len(row)), np.tile(row, 2)
-        seen = walls | ~WALL[point]
+        seen = walls | ~WALL[only][point]
         spots = Observations(view[seen], point[seen], xy[seen], cov[seen])
         kept = []
         answer = state_of(spots, poses, test, before, test.marker_cov, keep=kept.append)
@@ -79,7 +83,9 @@ def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=
         if k >= first:
             between = {"cam2": shots} if shots else {}
             odd = any(d.cause in ("moved", "picture") for d in answer.doubts)
-            series = series.plus(kept[-1], FrameImages(str(key + k), float(key + k), {}, shots=between), odd=odd)
+            time = float(key + k)
+            frame = FrameImages(str(key + k), time, {}, shots=between, time_s=time if seconds else np.nan)
+            series = series.plus(kept[-1], frame, odd=odd)
         before = answer
         out.append(series.judged(answer))
     return series, out
@@ -95,7 +101,8 @@ def test_a_camera_one_frame_late_is_named_where_no_frame_tells_it_and_the_sigmas
     series, found = followed(states, test, 1, late=1)
     (doubt,) = series.doubts
     assert (doubt.cause, doubt.names) == ("late", ("cam2",))
-    assert "frames later than those of cam1" in str(doubt)
+    assert "pictures of cam2 show the model" in str(doubt)  # of the frame before
+    assert "frames earlier than those of cam1" in str(doubt)
     assert series.late.value == pytest.approx(1.0, abs=3 * series.late.sigma)
     last = found[-1]
     assert doubt in last.doubts
@@ -105,6 +112,14 @@ def test_a_camera_one_frame_late_is_named_where_no_frame_tells_it_and_the_sigmas
     assert np.all(np.abs(off) < 4 * np.sqrt(np.diagonal(cov, axis1=1, axis2=2)))
     alone = followed(states[-2:], test, 1, series=Series.of(test))[1][-1]  # what it would be without
     assert last.cov[1, 1] > alone.cov[1, 1]
+
+
+def test_the_camera_that_shows_an_earlier_moment_is_the_one_that_is_said_to_and_times_are_in_seconds():
+    """The words had it the other way round, and called seconds frames."""
+    series, _ = followed(plunge(0.1), made(), 1, late=1, seconds=True)
+    (doubt,) = series.doubts
+    assert doubt.names == ("cam2",)
+    assert " s earlier than those of cam1" in str(doubt)
 
 
 def test_where_it_moves_faster_it_is_late_and_not_said_to_have_moved():
@@ -188,6 +203,67 @@ def test_cameras_that_stand_where_they_should_are_not_said_to_have_been_pushed(w
 def test_spots_between_two_pictures_tell_no_lateness():
     series, _ = followed(plunge(0.1), made(), 1, late=1, shots=(Shot(0.0, None), Shot(1.0, None)))
     assert not series.doubts
+
+
+def swinging(times):
+    """A wing that swings with a period of 12."""
+    angle = 2 * np.pi / 12 * np.asarray(times)
+    return [places(3.0 * s, (0.5 * s, 0.2 * c, s), 0.1 * s) for s, c in zip(np.sin(angle), np.cos(angle), strict=True)]
+
+
+def test_a_camera_whose_clock_runs_fast_is_named_with_its_rate_and_the_sigmas_have_what_it_is_by_now():
+    times = np.arange(20)
+    series, found = followed(swinging(times), made(), 1, seconds=True, second=swinging(0.997 * times))
+    (doubt,) = series.doubts
+    assert (doubt.cause, doubt.names) == ("late", ("cam2",))
+    rate, sigma = series.late.rate
+    assert rate == pytest.approx(0.003, abs=3 * sigma)
+    assert sigma < 0.0005
+    assert str(doubt).startswith("cam2 runs 0.")
+    assert "% fast beside cam1, by all frames together: its pictures show the model 0.0" in str(doubt)
+    assert " s earlier by now" in str(doubt)
+    assert np.abs(sigmas_off(found[-1], swinging(times)[-1])[~WALL]).max() < 4
+
+
+@pytest.mark.parametrize("off", [0.0, 0.05])
+def test_a_clock_that_runs_as_the_others_do_is_not_said_to_run_fast(off):
+    """It may be wrong by the same all the time."""
+    times = np.arange(20)
+    series, _ = followed(swinging(times), made(), 1, seconds=True, second=swinging(times - off))
+    assert bool(series.doubts) == bool(off)
+    assert not off or (series.late.rate is None and abs(series.late.value - off) < 3 * series.late.sigma)
+
+
+def from_walls(size, seed, count, **options):
+    """A plunging wing before cameras that move, which four markers on walls hold; one of them is displaced."""
+    keep = np.flatnonzero(WALL)[[0, 3, 5, 8]]
+    only = np.flatnonzero(~WALL | np.isin(np.arange(len(WALL)), keep))
+    off = np.where(np.arange(len(WALL)) == keep[0], size, 0.0)[:, None] * [0.6, 0.5, 0.6]
+    states = [places(0.3 * k, (0, 0, 0.2 * k), 0.02 * k) + off for k in range(count)]
+    test = made(only=only, moves=True)
+    return test, followed(states, test, seed, only=only, **options), states
+
+
+def test_a_marker_on_a_wall_that_is_displaced_by_less_than_a_frame_tells_is_named_by_all_frames_together():
+    """It shifted all of them alike: nothing was said."""
+    _, (series, found), states = from_walls(0.12, 1, 8)
+    (doubt,) = series.doubts
+    assert (doubt.cause, doubt.names) == ("marker", (str(MARKERS.name[WALL][0]),))
+    assert "by all frames together: it is 0.1" in str(doubt)
+    assert "4 markers on walls are all that holds them" in str(doubt)
+    assert not found[0].doubts
+    last = found[-1]
+    assert doubt in last.doubts
+    by = [c[: len(last.placed.xyz) - 4] for c in last.markers_displaced()]
+    off = by[0] - (states[-1] - MARKERS.xyz)[~WALL]
+    assert np.abs(off / np.sqrt(np.diagonal(by[1], axis1=1, axis2=2))).max() < 3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_markers_on_walls_that_are_where_they_should_be_are_not_displaced(seed):
+    _, (series, found), _ = from_walls(0.0, seed, 8)
+    assert not series.doubts
+    assert not any(state.doubts for state in found)
 
 
 ALONG = np.maximum(MARKERS.xyz[:, 1] - 60, 0)[:, None] / 540 * (MARKERS.volume == "wing")[:, None]

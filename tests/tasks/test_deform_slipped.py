@@ -1,5 +1,7 @@
 """A part with rows of markers and a law of its own that moves by a spacing: its ends tell, and only where they do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform import DeformationTest, FrameImages, Station, follow_deformation
 from windmark.scene import MarkerSet
 from windmark.synth import disc_image
-from windmark.tasks.deform.slipped import Slips
+from windmark.tasks.deform.slipped import Slips, _Seen
 from windmark.tasks.deform.task import LookOptions
 
 CAMERA, AWAY = Camera((400, 300), 800.0), Pose(np.eye(3), np.array([0.0, 0.0, 800.0]))
@@ -17,7 +19,8 @@ BODY = np.array([
     [-40, 115, 0], [40, 100, 0], [130, 110, 0], [-90, -50, 0], [100, 70, 0],
 ], float)  # fmt: skip
 PANEL = np.array([[-70.0 + 25.0 * b, 30.0 * a, 0.0] for a in range(2) for b in range(5)])
-END, BEYOND = [0, 5], PANEL[[4, 9]] + np.array([25.0, 0.0, 0.0])
+PITCH = np.array([25.0, 0.0, 0.0])
+END, BEYOND = [0, 5], PANEL[[4, 9]] + PITCH
 
 
 @law(s="mm")
@@ -25,14 +28,14 @@ def slide(X, s):
     return X + np.array([s, 0.0, 0.0])
 
 
-def test_of():
-    xyz = np.vstack([BODY, PANEL])
+def test_of(**given):
+    xyz = np.vstack([BODY, given.pop("panel", PANEL)])
     markers = MarkerSet.make(
         [f"m{k}" for k in range(len(xyz))], xyz, radius=5.0, normal=np.tile([0.0, 0.0, -1.0], (len(xyz), 1)),
         volume=np.array(["body"] * len(BODY) + ["panel"] * len(PANEL)),
     )  # fmt: skip
     volumes = Volumes.of([Volume("body"), Volume("panel", slide, parent="body")], "mm")
-    return DeformationTest((Station("cam", CAMERA, AWAY),), markers, volumes, look=LookOptions((5.0,)))
+    return DeformationTest((Station("cam", CAMERA, AWAY),), markers, volumes, look=LookOptions((5.0,)), **given)
 
 
 test_of.__test__ = False
@@ -41,13 +44,13 @@ test_of.__test__ = False
 def image(s, panel=PANEL, body=BODY):
     xy = CAMERA.project(AWAY.apply(np.vstack([body, panel + np.array([s, 0.0, 0.0])])))[0]
     share = np.prod([disc_image((300, 400), place, 5.0, level=1.0, depth=0.8, blur_px=0.6) for place in xy], axis=0)
-    noise = np.random.default_rng(100 + int(10 * s) + len(panel)).normal(0.0, 1.5, share.shape)
+    noise = np.random.default_rng(abs(100 + int(10 * s) + len(panel))).normal(0.0, 1.5, share.shape)
     return np.rint(20 + share * 200 + noise).astype(np.uint8)
 
 
-def followed(*images):
+def followed(*images, test=None):
     frames = [FrameImages(str(k), float(k), {"cam": i}) for k, i in enumerate(images)]
-    return list(follow_deformation(frames, test_of()))
+    return list(follow_deformation(frames, test_of() if test is None else test))
 
 
 def values(frames):
@@ -74,9 +77,52 @@ def test_one_disc_more_beyond_a_row_that_is_hidden_in_part_moves_nothing_on():
 
 def test_rows_that_go_on_beyond_the_table_say_nothing_where_a_marker_is_lost():
     more, fewer = np.vstack([PANEL, BEYOND]), np.vstack([np.delete(PANEL, END, axis=0), BEYOND])
-    frames = followed(image(0.0, more), image(2.0, more), image(4.0, fewer), image(6.0, fewer))
+    test = test_of(wind_off=("0",))
+    frames = followed(image(0.0, more), image(2.0, more), image(4.0, fewer), image(6.0, fewer), test=test)
     assert values(frames) == pytest.approx([0.0, 2.0, 4.0, 6.0], abs=0.05)
     assert all(f.state.doubts == () for f in frames)
+
+
+@pytest.mark.parametrize("jump", [-23.0, 23.0])
+@pytest.mark.parametrize("marks", [BEYOND[:1], BEYOND, np.vstack([BEYOND, BEYOND + PITCH])])
+def test_a_part_that_slipped_towards_marks_beyond_its_rows_lacks_those(jump, marks):
+    """The last marker was found on the first mark beyond it, and none lacked: 25 mm off and nothing said."""
+    more = np.vstack([PANEL, marks])
+    frames = followed(image(0.0, more), image(jump, more), image(jump + 1.0, more))
+    assert values(frames)[1:] == pytest.approx([jump, jump + 1.0], abs=0.05)
+    assert "panel was found one spacing of 25 mm nearer than its ends show" in str(frames[1].state.doubts[0])
+
+
+@pytest.mark.parametrize(("s", "beyond"), [(0.0, BEYOND), (25.0, PANEL[END] - PITCH)])
+def test_a_part_that_may_be_further_on_as_well_is_doubted_in_a_first_frame_and_taken_by_its_motion_after_it(s, beyond):
+    """Rows of six of which the table has five: the first ones or the last ones, which only wind-off tells."""
+    more = np.vstack([PANEL, beyond])
+    first, second = followed(image(s, more), image(s + 1.0, more))
+    (doubt,) = first.state.doubts
+    assert doubt.cause == "layout"
+    assert "panel may be slipped by one spacing of 25 mm: with panel.s = 25 in place of " in str(doubt)
+    assert "as many of its spots are explained as well, and no motion before tells" in str(doubt)
+    assert second.state.q[0] - first.state.q[0] == pytest.approx(1.0, abs=0.05)
+    assert not second.state.doubts
+    assert not followed(image(s, more), test=test_of(wind_off=("0",)))[0].state.doubts
+
+
+def test_rows_that_are_not_quite_regular_tell_by_themselves_how_far_on_the_part_is():
+    off = PANEL + 0.2 * np.random.default_rng(3).standard_normal(PANEL.shape) * [1.0, 1.0, 0.0]
+    test = test_of(panel=off)
+    sure = np.tile(1e-4 * np.eye(3), (len(test.markers), 1, 1))
+    more = np.vstack([off, BEYOND])
+    frames = followed(image(0.0, more), image(1.0, more), test=replace(test, marker_cov=sure))
+    assert values(frames) == pytest.approx([0.0, 1.0], abs=0.05)
+    assert all(f.state.doubts == () for f in frames)
+
+
+def test_a_mark_beyond_a_row_that_is_hidden_for_a_while_is_not_forgotten():
+    """Then seen again where the markers at the other end are hidden, it is no marker."""
+    more, fewer = np.vstack([PANEL, BEYOND]), np.delete(PANEL, END, axis=0)
+    frames = followed(image(0.0, more), image(1.0, PANEL[1:]), image(2.0, np.vstack([fewer, BEYOND])))
+    assert values(frames) == pytest.approx([0.0, 1.0, 2.0], abs=0.05)
+    assert not any(f.state.doubts for f in frames[1:])
 
 
 def test_what_was_never_seen_whole_is_doubted_in_each_frame_with_its_values():
@@ -90,7 +136,7 @@ def test_what_was_never_seen_whole_is_doubted_in_each_frame_with_its_values():
 
 def test_a_marker_that_is_lost_elsewhere_is_no_question(monkeypatch):
     asked = []
-    monkeypatch.setattr(Slips, "_there", lambda _, image, name, *__: asked.append(name) or frozenset())
+    monkeypatch.setattr(Slips, "_there", lambda _, image, name, *__: asked.append(name) or _Seen.none())
     frames = followed(image(0.0), image(2.0), image(4.0, body=BODY[1:]))
     assert values(frames) == pytest.approx([0.0, 2.0, 4.0], abs=0.05)
     assert len(frames[-1].observations) == len(BODY) + len(PANEL) - 1

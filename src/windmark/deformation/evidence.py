@@ -12,7 +12,8 @@ each load (`loads_of`), which have a share of it in an instant as large as the l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,13 +114,15 @@ class Evidence:
     ----------
     views : the cameras of the series
     score, power, by_place, chi2, redundancy, spots : see `Instant`; behind its n unknowns come the poses and what the
-        laws lack once more for each load
+        laws lack once more for each load, and last the cameras' lateness once more, in proportion to the time
     products : (1 + R, 1 + R, n) sum of `Instant.size2` times the products of 1 and the loads
     held : what the markers' own places have in ``power``, instant for instant
     course : of the loads
     alone : (V,) sum of squares that the cameras' lateness explains where it may be another one in every instant
     lacking_chi2, lacking_redundancy : of the instants that tell what the laws lack
     instants, moved : how many, and how many of them tell lateness
+    drift2 : (V,) sum of `Instant.size2` of the lateness that grows with the time
+    begin, time : when the first one was, and how long after it the last one
     """
 
     views: tuple[str, ...]
@@ -137,22 +140,31 @@ class Evidence:
     spots: int = 0
     instants: int = 0
     moved: int = 0
+    drift2: Array = field(default_factory=lambda: np.zeros(0))
+    begin: float = float("nan")
+    time: float = 0.0
 
     @staticmethod
     def none(views: tuple[str, ...], placed: Placed) -> Evidence:
         """Of no instant yet of these markers."""
         fields, loads = fields_of(placed), len(loads_of(placed))
         one = 6 * len(views) + (0 if fields is None else fields.field.shape[-1])
-        n = len(views) + (1 + loads) * one
+        n = 2 * len(views) + (1 + loads) * one
         return Evidence(
             views, np.zeros(n), np.zeros((n, n)), np.zeros((1 + loads, 1 + loads, len(views) + one)),
             np.zeros((n, len(placed.xyz), 3)), np.zeros((n, n)), Course.none(loads), np.zeros(len(views)),
+            drift2=np.zeros(len(views)),
         )  # fmt: skip
 
     @property
     def late(self) -> Ints:
         """The cameras' lateness among the unknowns."""
         return np.arange(len(self.views))
+
+    @property
+    def drift(self) -> Ints:
+        """By how much that grows in one unit of time."""
+        return np.arange(len(self.score) - len(self.views), len(self.score))
 
     @property
     def poses(self) -> Ints:
@@ -173,13 +185,15 @@ class Evidence:
     def size2(self) -> Array:
         """Squared lengths of the columns of all unknowns, see `Instant`."""
         late, every = len(self.views), np.arange(len(self.products))
-        return np.concatenate([self.products[0, 0, :late], self.products[every, every, late:].ravel()])
+        return np.concatenate([self.products[0, 0, :late], self.products[every, every, late:].ravel(), self.drift2])
 
     def by_factors(self, factors: Array) -> Evidence:
         """The same with some combinations (k, 1 + R) of 1 and the loads in place of these; the first of them is 1."""
         late = len(self.views)
-        by = np.eye(late + len(factors) * (self.products.shape[-1] - late), len(self.score))
-        by[late:, late:] = np.kron(factors, np.eye(self.products.shape[-1] - late))
+        rest = np.kron(factors, np.eye(self.products.shape[-1] - late))
+        by = np.zeros((len(rest) + 2 * late, len(self.score)))
+        by[:late, :late] = by[-late:, -late:] = np.eye(late)
+        by[late:-late, late:-late] = rest
         return replace(
             self, score=by @ self.score, power=by @ self.power @ by.T, held=by @ self.held @ by.T,
             by_place=np.tensordot(by, self.by_place, axes=1),
@@ -194,16 +208,21 @@ class Evidence:
         """
         return max(self.chi2, self.redundancy + test), self.redundancy
 
-    def plus(self, instant: Instant, place_cov: Array | None, wind_off: bool = False) -> Evidence:
+    def plus(
+        self, instant: Instant, place_cov: Array | None, wind_off: bool = False, when: float = 0.0
+    ) -> Evidence:
         """One instant more, adjusted with ``place_cov`` (N, 3, 3); ``wind_off`` where the places are of it."""
+        begin = self.begin if np.isfinite(self.begin) else when
+        time = when - begin
         late = self.late
         power, told = instant.power[late, late], instant.power[late, late] > LEAST * instant.size2[late]
         tells = bool(np.diag(instant.power)[self.lacking].any())
         course = self.course.plus(instant.load, instant.load_cov, wind_off) if wind_off or tells else self.course
         own = np.r_[1.0, instant.load]
         rest = np.arange(len(late), len(instant.score))
-        which, share = np.r_[late, np.tile(rest, len(own))], np.r_[np.ones(len(late)), np.repeat(own, len(rest))]
-        held = _by_places(instant.by_place, place_cov)
+        which = np.r_[late, np.tile(rest, len(own)), late]
+        share = np.r_[np.ones(len(late)), np.repeat(own, len(rest)), np.full(len(late), time)]
+        held = by_places(instant.by_place, place_cov)
         return replace(
             self, alone=self.alone + np.where(told, instant.score[late] ** 2 / np.where(told, power, 1.0), 0.0),
             moved=self.moved + bool(told.any()), score=self.score + share * instant.score[which],
@@ -215,6 +234,7 @@ class Evidence:
             lacking_chi2=self.lacking_chi2 + instant.chi2 * tells,
             lacking_redundancy=self.lacking_redundancy + instant.redundancy * tells,
             spots=self.spots + instant.spots, instants=self.instants + 1,
+            drift2=self.drift2 + time**2 * instant.size2[late], begin=begin, time=time,
         )  # fmt: skip
 
     def added(self, which: Ints, beside: Ints, place_cov: Array | None) -> Added:
@@ -223,10 +243,26 @@ class Evidence:
         Power is the inverse covariance of what the sum tells: with b' = b - P_b,beside P_beside^-1 b_beside of score
         and power, b = -P'^-1 s' has the covariance P'^-1 C P'^-1, C that of s'.
         """
+        sums = Sums(self.score, self.power, self.held, self.by_place, self.size2, self.instants)
+        return sums.added(which, beside, place_cov)
+
+
+class Sums(NamedTuple):
+    """The sum over some instants of what they say of n unknowns, see `Evidence`."""
+
+    score: Array
+    power: Array
+    held: Array
+    by_place: Array
+    size2: Array
+    instants: int
+
+    def added(self, which: Ints, beside: Ints, place_cov: Array | None) -> Added:
+        """Some of them with others free beside them, see `Evidence.added`."""
         both, n = np.concatenate([which, beside]), len(which)
         power = self.power[np.ix_(both, both)]
         cov = power * (1 + ALIKE**2 * self.instants) - self.held[np.ix_(both, both)]
-        cov += _by_places(self.by_place[both], place_cov)
+        cov += by_places(self.by_place[both], place_cov)
         size2 = self.size2[both]
         scale = np.sqrt(np.where(size2 > 0, size2, 1.0))
         power, cov = power / np.outer(scale, scale), cov / np.outer(scale, scale)
@@ -245,7 +281,7 @@ class Evidence:
         )
 
 
-def _by_places(by_place: Array, place_cov: Array | None) -> Array:
+def by_places(by_place: Array, place_cov: Array | None) -> Array:
     """(n, n) covariance of scores with derivatives (n, N, 3) by the markers' places."""
     if place_cov is None:
         return np.zeros((len(by_place), len(by_place)))

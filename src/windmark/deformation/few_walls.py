@@ -4,29 +4,42 @@ With all cameras free the model and they are one body, which the walls' markers 
 one of them has been displaced the triangle does not fit, one spot is left out for it, and which one is chance: whether
 the first, the second or the third is displaced, the pictures are explained. So each is asked whether it is the one, its
 place being known as badly as the spot that was left out says; where several explain them as well, that is said, and the
-covariance has what they differ by (the mixture's second moment).
+covariance has what they differ by (the mixture's second moment). Of four to six any two may be displaced as well, where
+no single one explains it: two against two tell no more than one against two.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.adjust import chance
+from windmark.deformation.equations import Added, Equations
 from windmark.deformation.lost import residuals_of_all
 from windmark.deformation.outliers import critical
 from windmark.deformation.result import NotIdentified
+from windmark.deformation.setup import Task
 from windmark.deformation.sighting import LAW, MOTION, in_tunnel, pose_block
 from windmark.deformation.solve import Solved, solve
 from windmark.geometry import DegenerateGeometry, Pose
 from windmark.scene import Doubt, Observations
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 HELD = 3
 """Markers that hold a body; each beyond tells of the others."""
+MOST = 6
+"""Of so many any two are asked; of more the others outvote them spot by spot."""
+FALSE = 2.5e-4
+"""Probability that a marker that is where it should be is said to contradict the others."""
+BENT = 0.05
+"""Part by which linear equations may have too little of what a displaced marker explains."""
 UNSEEN = 2.0
 """A displaced marker may be so many times as far off as the spots show that it contradicts."""
 MATTERS = 3.0
@@ -57,36 +70,135 @@ def unchecked_walls(solved: Solved) -> list[Doubt]:
 
 
 def displaced_wall(solved: Solved) -> tuple[Doubt, Array] | None:
-    """That a marker on a wall, or one of several, is displaced, and (F, F) what that adds to the covariance.
+    """That a marker on a wall, or one of several, or two of them are displaced, and (F, F) what the covariance lacks.
 
-    None where no spot of theirs was left out, where none explains it, or where all spots of the one that does were.
+    None where no spot of theirs was left out and none of their places contradicts the others; where no place explains
+    it, or where all spots of the one that does were left out.
     """
     task, walls = solved.task, walls_alone(solved)
     out = ~solved.used & task.wall[task.observations.point]
-    if not len(walls) or not out.any():
+    if not len(walls):
         return None
-    far = UNSEEN * _how_far(solved, out)
-    healed = {n: other for n in walls.tolist() if (other := _loosened(solved, n, far)) is not None}
+    off = _contradicted(Equations(solved), walls) if solved.redundancy >= 1 else {}
+    if not out.any() and not off:
+        return None
+    far = UNSEEN * max(_how_far(solved, out) if out.any() else 0.0, *off.values(), 0.0)
+    healed = _healed(solved, [(n,) for n in walls.tolist()], far)
     least = min((other.chi2 for other in healed.values()), default=np.inf)
     blamed = task.observations.point[out]  # by chance, perhaps: the spot that went first took the others' part
-    alike = [n for n, other in healed.items() if other.chi2 < least + LIKELIER or n in blamed]
+    alike = [s for s, other in healed.items() if other.chi2 < least + LIKELIER or s[0] in blamed]
     # A place is three unknowns, and takes the spots back that were left out.
-    taken_back = critical(len(solved.used)) * int(out.sum()) - 3 * np.log(2 * len(solved.used))
-    if not alike or least > solved.chi2 + taken_back + LIKELIER:
+    place = 3 * np.log(2 * len(solved.used))
+    taken_back = critical(len(solved.used)) * int(out.sum()) - place
+    explained = bool(alike) and least <= solved.chi2 + taken_back + LIKELIER
+    if HELD < len(walls) <= MOST and (pairs := _pairs(solved, healed, walls, far, place)):
+        healed, explained = pairs, True
+        score = {s: other.chi2 + place * len(s) for s, other in healed.items()}
+        alike = [s for s in healed if score[s] < min(score.values()) + LIKELIER]
+    if not explained:
         return None
-    steps = [_step(solved, healed[n]) for n in alike]
+    steps = [_step(solved, healed[s]) for s in alike]
     # Left out as a gross error of its own, a spot leaves its marker's others to pull, which matters where little holds.
     if len(alike) == 1 and not (np.abs(steps[0]) > MATTERS * np.sqrt(np.diag(solved.cov))).any():
         return None
     second = np.mean([np.outer(s, s) + healed[n].cov for s, n in zip(steps, alike, strict=True)], axis=0)
-    names = tuple(str(n) for n in task.markers.name[alike])
-    listed = " or ".join(["{}"] * len(names))
-    which = "and these pictures hardly tell which" if len(names) > 1 else "or one of its spots is something else's"
-    words = (
-        f"{listed} is not where its table has it, {which}: all cameras move, and {len(walls)} markers on walls are all "
-        "that holds them; the sigmas hold what that would change"
-    )
-    return Doubt(names, words, "marker"), second - solved.cov
+    return _doubt(task, alike, len(walls)), second - solved.cov
+
+
+def _pairs(
+    solved: Solved, healed: Mapping[tuple[int, ...], Solved], walls: Ints, far: float, place: float
+) -> dict[tuple[int, ...], Solved]:
+    """The instant with any two displaced, beside each by itself, ``healed``; empty where one explains it as well.
+
+    ``place`` is what one place more has to explain (Schwarz 1978). Where the best one leaves another one in
+    contradiction with the rest, it explains nothing.
+    """
+    every = list(combinations(walls.tolist(), 2))
+    least = min((other.chi2 for other in healed.values()), default=np.inf)
+    best = next((s for s, other in healed.items() if other.chi2 == least), None)
+    if best is None or _contradicted(Equations(healed[best]), walls):
+        return _healed(solved, every, far)
+    asked = _likely(solved, best, healed[best], every, walls, place)
+    if not any(other.chi2 + place < least for other in _healed(solved, asked, far).values()):
+        return {}
+    return {**healed, **_healed(solved, every, far)}
+
+
+def _likely(
+    solved: Solved, best: tuple[int, ...], other: Solved, sets: list[tuple[int, int]], walls: Ints, place: float
+) -> list[tuple[int, int]]:
+    """Those of some sets that may explain ``place`` more than the best marker by itself, by linear equations."""
+    beside = _by_places(Equations(other), walls)
+    none = _loosened(solved, (), 0.0)
+    if none is None:
+        return sets
+    alone = _by_places(Equations(none), walls)
+    index = {n: 3 * k + np.arange(3) for k, n in enumerate(walls.tolist())}
+    out = []
+    for a, b in sets:
+        if best[0] in (a, b):
+            more = beside.fitted(index[b if a == best[0] else a])[0]
+        else:
+            test = alone.fitted(np.concatenate([index[a], index[b]]))[0]
+            more = other.chi2 - none.chi2 + test * (1 + BENT)
+        if more > place:
+            out.append((a, b))
+    return out
+
+
+def _contradicted(equations: Equations, walls: Ints) -> dict[int, float]:
+    """How far off the places of markers on walls are that the others contradict, each by itself."""
+    task, squares, redundancy = equations.solved.task, equations.solved.chi2, equations.solved.redundancy
+    added, off = _by_places(equations, walls), {}
+    for k, n in enumerate(walls.tolist()):
+        if task.seen[n]:
+            test, rank, value, _ = added.fitted(3 * k + np.arange(3))
+            if chance(test, rank, max(squares, redundancy + test), redundancy) < FALSE / len(walls):
+                off[n] = float(np.linalg.norm(value))
+    return off
+
+
+def _by_places(equations: Equations, walls: Ints) -> Added:
+    """The places of some markers as unknowns, three each."""
+    return equations.added(columns_of(equations, walls))
+
+
+def columns_of(equations: Equations, walls: Ints) -> Array:
+    """(P, 2 V, 3 W) derivatives of the pixels by the places of some markers."""
+    by = equations.by_place
+    columns = np.zeros((*by.shape[:2], len(walls), 3))
+    columns[walls, :, np.arange(len(walls))] = by[walls]
+    return columns.reshape(*by.shape[:2], -1)
+
+
+def _healed(solved: Solved, sets: Sequence[tuple[int, ...]], far: float) -> dict[tuple[int, ...], Solved]:
+    """The instant with each of some sets of markers displaced, as far as there is a solution."""
+    return {s: other for s in sets if (other := _loosened(solved, s, far)) is not None}
+
+
+def _doubt(task: Task, sets: Sequence[tuple[int, ...]], walls: int) -> Doubt:
+    """What is said of some sets of markers of which one is displaced."""
+    which, listed = displaced_words(sets)
+    names = tuple(str(n) for n in task.markers.name[which])
+    held = (f": all cameras move, and {walls} markers on walls are all that holds them; the sigmas hold what that "
+            "would change")  # fmt: skip
+    if all(len(s) == 1 for s in sets):
+        more = "and these pictures hardly tell which" if len(names) > 1 else "or one of its spots is something else's"
+        return Doubt(names, f"{listed} is not where its table has it, {more}{held}", "marker")
+    more = ", and these pictures hardly tell which" if len(sets) > 1 else ""
+    return Doubt(names, f"{listed} are not where their table has them{more}{held}", "marker")
+
+
+def displaced_words(sets: Sequence[tuple[int, ...]]) -> tuple[list[int], str]:
+    """Some sets of markers of which one is displaced, as words with a place for the name of each of the first."""
+    which = list(dict.fromkeys(n for s in sets for n in s))
+    if all(len(s) == 1 for s in sets):
+        return which, " or ".join(["{}"] * len(which))
+    if len(sets) > 2:
+        count = "two" if all(len(s) == 2 for s in sets) else "one or two"
+        return which, f"{count} of {', '.join(['{}'] * (len(which) - 1))} and {{}}"
+    listed = ", or ".join(" and ".join(["{}"] * len(s)) for s in sets) + "," * (len(sets) - 1)
+    return [n for s in sets for n in s], listed
 
 
 def _how_far(solved: Solved, out: NDArray[np.bool_]) -> float:
@@ -103,13 +215,13 @@ def _how_far(solved: Solved, out: NDArray[np.bool_]) -> float:
     return far
 
 
-def _loosened(solved: Solved, n: int, far: float) -> Solved | None:
-    """The instant with the place of a marker known to ``far`` only, and no spot of a wall left out; None for none."""
+def _loosened(solved: Solved, which: tuple[int, ...], far: float) -> Solved | None:
+    """The instant with some markers' places known to ``far`` only, and no spot of a wall left out; None for none."""
     task, every = solved.task, solved.task.observations
     kept = solved.used | task.wall[every.point]
     seen = Observations(every.view[kept], every.point[kept], every.xy[kept], every.cov[kept])
     cov = np.zeros((len(task.markers), 3, 3)) if task.place_cov is None else task.place_cov.copy()
-    cov[n] = cov[n] + far**2 * np.eye(3)
+    cov[list(which)] += far**2 * np.eye(3)
     try:
         other = replace(task, place_cov=cov, observations=seen)
         found = solve(other, dict(solved.values), solved.shift[kept], False, near=False)

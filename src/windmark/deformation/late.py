@@ -1,8 +1,9 @@
 """A camera whose pictures are of another time than those of the others, by all instants of a series together.
 
-Paired by number where one camera began a picture later, or dropped one, its pictures show the model where it was a
-frame before. Slow motion hides that in every instant: most of it looks like a motion of the model. What is left grows
-with the motion, which nothing else does.
+Paired by number where one camera began a picture earlier than the others, or one of these dropped a picture, its
+pictures show the model where it was a frame before. Slow motion hides that in every instant: most of it looks like a
+motion of the model. What is left grows with the motion, which nothing else does. Where a camera's clock, or its rate,
+runs fast, it grows with the time as well.
 """
 
 from __future__ import annotations
@@ -32,18 +33,23 @@ STRAIGHT = 0.5
 
 @dataclass(frozen=True)
 class Late:
-    """How much later than the others' the pictures of a camera are.
+    """How long before the moment of the others the pictures of a camera show the model.
 
     Parameters
     ----------
     views : all cameras; ``which`` of them
-    value, sigma : in the unit of the instants
+    value, sigma : in the unit of the instants; negative where they show it after that
+    unit : of the instants, "frames" or "s"
+    rate : how much that grows in one unit of time and the sigma of that, ``value`` that of the last instant; None where
+        it is the same in all of them
     """
 
     views: tuple[str, ...]
     which: int
     value: float
     sigma: float
+    unit: str = "frames"
+    rate: tuple[float, float] | None = None
 
     @property
     def doubt(self) -> Doubt:
@@ -51,9 +57,15 @@ class Late:
         name = self.views[self.which]
         others = [n for n in self.views if n != name]
         of = others[0] if len(others) == 1 else "the others"
-        side = "later" if self.value > 0 else "earlier"
-        return Doubt((name,), f"pictures of {{}} are {g2(abs(self.value))} ± {g1(self.sigma)} frames {side} than those "
-                     f"of {_escaped(of)}, by all frames together", "late")  # fmt: skip
+        if self.rate is not None:
+            rate, sigma = 100 * abs(self.rate[0]), 100 * self.rate[1]
+            way = "fast" if self.rate[0] > 0 else "slow"
+            return Doubt((name,), f"{{}} runs {g2(rate)} ± {g1(sigma)} % {way} beside {_escaped(of)}, by all frames "
+                         f"together: its pictures show the model {g2(abs(self.value))} {self.unit} "
+                         f"{'earlier' if self.value > 0 else 'later'} by now", "late")  # fmt: skip
+        side = "earlier" if self.value > 0 else "later"
+        return Doubt((name,), f"pictures of {{}} show the model {g2(abs(self.value))} ± {g1(self.sigma)} {self.unit} "
+                     f"{side} than those of {_escaped(of)}, by all frames together", "late")  # fmt: skip
 
     def shifts(self, instant: Instant) -> Array:
         """(F, k) by how much what is free in an instant is off, 1 sigma, whichever camera is the one in time."""
@@ -67,12 +79,14 @@ def _escaped(name: str) -> str:
     return name.replace("{", "{{").replace("}", "}}")
 
 
-def lateness(evidence: Evidence, place_cov: Array | None, uneven: float = 0.0) -> Late | None:
+def lateness(
+    evidence: Evidence, place_cov: Array | None, uneven: float = 0.0, unit: str = "frames"
+) -> Late | None:
     """The camera that the series shows at another time than the others; None where none is.
 
     ``uneven``: by which part of itself, root mean square, the model's motion changes from instant to instant. A camera
     shows where the model was, and not where its last step, straight on, would have it. Where it turns round within a
-    few instants, and the states are of both times at once, the value is as uncertain as that.
+    few instants, and the states are of both times at once, the value is as uncertain as that. ``unit`` of the instants.
     """
     if len(evidence.views) < 2 or evidence.moved < MOVED:
         return None
@@ -81,6 +95,8 @@ def lateness(evidence: Evidence, place_cov: Array | None, uneven: float = 0.0) -
         test, rank, value, cov = evidence.added(evidence.late[[v]], none, place_cov).fitted(one)
         if rank and test > best[0]:
             best = (test, int(v), float(value[0]), float(np.sqrt(cov[0, 0])))
+    if (drift := _drifting(evidence, place_cov, uneven, unit)) is not None:
+        return drift
     test, which, value_, sigma = best
     if chance(test, 1, *evidence.beside(test)) >= FALSE / len(evidence.views):
         return None
@@ -97,4 +113,31 @@ def lateness(evidence: Evidence, place_cov: Array | None, uneven: float = 0.0) -
         evidence.added(pose, own, place_cov).fitted(np.arange(6))[0]
         for pose in evidence.poses.reshape(-1, 6)
     )  # fmt: skip
-    return Late(evidence.views, which, value_, sigma) if beside > max(BESIDE, off) else None
+    return Late(evidence.views, which, value_, sigma, unit) if beside > max(BESIDE, off) else None
+
+
+def _drifting(evidence: Evidence, place_cov: Array | None, uneven: float, unit: str) -> Late | None:
+    """The camera whose lateness grows with the time; None where none's does.
+
+    It must be told beside a lateness that stays, poses that are off and what the laws lack, with the load or without: a
+    steady motion goes with the time as well.
+    """
+    limit, one, best = FALSE / len(evidence.views), np.array([0]), (0.0, 0)
+    every = evidence.by_factors(evidence.course.factors)
+    for v in evidence.late:
+        alone = evidence.added(evidence.drift[[v]], evidence.late[[v]], place_cov).fitted(one)[0]
+        if chance(alone, 1, *evidence.beside(alone)) < limit:
+            rest = np.concatenate([every.late[[v]], every.with_loads(every.poses), every.with_loads(every.lacking)])
+            test, rank = every.added(every.drift[[v]], rest, place_cov).fitted(one)[:2]
+            best = max(best, (test if rank else 0.0, int(v)))
+    test, which = best
+    if chance(test, 1, *evidence.beside(test)) >= limit:
+        return None
+    own = np.array([evidence.late[which], evidence.drift[which]])
+    value, cov = evidence.added(own, evidence.poses[:0], place_cov).fitted(np.arange(2))[2:]
+    at = np.array([1.0, evidence.time])
+    late, rate = float(at @ value), float(value[1])
+    if len(evidence.views) == 2 and rate < 0:
+        which, late, rate = 1 - which, -late, -rate  # the other way round it is the same
+    sigma = float(np.hypot(np.sqrt(at @ cov @ at), STRAIGHT * uneven * late))
+    return Late(evidence.views, which, late, sigma, unit, (rate, float(np.sqrt(cov[1, 1]))))

@@ -328,7 +328,7 @@ def zeroed(
     good, why = [], ""
     shown: set[tuple[tuple[str, int], ...]] = set()
     for key, images in wanted.items():  # each for itself: wind-off frames may be far apart
-        frame = next(follow_deformation([images], loaded.test))
+        frame = next(follow_deformation([images], replace(loaded.test, wind_off=(images.key,))))
         pictures = tuple((name, sight.picture) for name, sight in frame.cameras.items() if sight.picture)
         if frame.state is None:
             why = f"frame {key}: {frame.reason}"

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.deformation.wall_places import TOGETHER
 from windmark.errors import g2
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.record import MISFIT, FrameRecord
@@ -73,8 +74,11 @@ def _together(records: Sequence[FrameRecord]) -> list[Finding]:
 
 
 def _followed(record: FrameRecord, told: Collection[str]) -> Followed:
-    """An instant; ``told``: causes of which more is known than it says by itself."""
-    doubts = tuple(d for d in zip(record.causes, record.warnings, strict=True) if d[0] not in told)
+    """An instant; ``told``: causes of which more is known than it says by itself, but for other markers of its own."""
+    doubts = tuple(
+        d for d in zip(record.causes, record.warnings, strict=True)
+        if d[0] not in told or (d[0] == "marker" and TOGETHER not in d[1])
+    )  # fmt: skip
     return Followed(f"frame {record.key}", record.cameras, doubts, record.sigma0)
 
 

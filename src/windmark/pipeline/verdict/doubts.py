@@ -29,7 +29,7 @@ STEPS = {
     "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
     "(--board-marks)",
     "late": "pair the cameras' pictures by time (rate_hz or times, and offset_s, of [[camera]]), or by the right "
-    "numbers: see which camera began later or dropped a picture",
+    "numbers: see which camera began at another picture or dropped one",
     "moved": "place this camera anew, or say that it moves; see that the markers on walls are where their table says",
     "attached": 'say what carries it: parent = "..." in its [[volume]]',
     "bent": "give the named volume a richer law: windmark laws lists them, windmark laws --compare PROJECT --law "

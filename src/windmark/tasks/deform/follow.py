@@ -23,7 +23,7 @@ from windmark.tasks.deform.looking import Looking
 from windmark.tasks.deform.memory import Memory, displaced, predicted, velocity_of
 from windmark.tasks.deform.series import OF_ONE_INSTANT, Series
 from windmark.tasks.deform.sights import Usual, once_more, sight
-from windmark.tasks.deform.slipped import Slips
+from windmark.tasks.deform.slipped import Rival, Slips
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, near
 from windmark.tasks.deform.states import both_reasons, implausible, start_pose, state_of
 from windmark.tasks.deform.task import (
@@ -167,7 +167,7 @@ class _Follower:
                 index, frame.key, frame.instant, "lost", reason, None, seconds=job_time() - start,
                 cameras=self._sights(frame, images, bad, self._last, None), series=doubts,
             )  # fmt: skip
-        state, labelled, observations, errors = self._unslipped(found, images, cold=status == "cold")
+        state, labelled, observations, errors = self._unslipped(found, images, frame, cold=status == "cold")
         troubles += [f"{n}: {why}" for n, why in self._left_out.items() if n in images]
         if status == "cold":
             self._usual.learn_odd(spots, self._test, labelled, state, self._hidden)
@@ -361,24 +361,32 @@ class _Follower:
         # Nothing is known of the motion yet: the next frame is looked for as far as it may be.
         return implausible(settled) or (settled, again, observations, dict.fromkeys(again, MOST_PX / SIGMAS))
 
-    def _unslipped(self, found: Any, images: dict[str, Image], *, cold: bool) -> Any:
+    def _unslipped(self, found: Any, images: dict[str, Image], frame: FrameImages, *, cold: bool) -> Any:
         """What was found; or that with a part further on in its rows where it explains more; or that in doubt of it."""
         state, labelled, *rest = found
         own = {n: image for n, image in images.items() if n in labelled and n not in self._looking.shots}
-        rival = self._slips.rival(state, labelled, own, self._hidden, cold=cold)
-        if rival is None:
-            return found
-        before = self._solved, self._texture
-        other = self._there(self._believed(images), rival.state, labelled, LEAST_PX)
-        better = not isinstance(other, str) and other[0].used.sum() > state.used.sum()
-        if better and rival.sure:
-            return (rival.taken(other[0], state), *other[1:])
-        self._solved, self._texture = before
-        if not better:
-            return found
-        doubt = rival.doubt(state)
-        names = tuple(dict.fromkeys((*state.suspect, *doubt.names)))
-        return replace(state, doubts=(*state.doubts, doubt), suspect=names), labelled, *rest
+        for rival in self._slips.rivals(state, labelled, own, self._hidden, cold=cold):
+            # In wind-off frames all is relative to these, and nothing is slipped.
+            if not rival.more and (frame.key in self._test.wind_off or (not cold and self._too_far(rival, frame))):
+                continue
+            before = self._solved, self._texture
+            other = self._there(self._believed(images), rival.state, labelled, LEAST_PX)
+            as_good = not isinstance(other, str) and rival.as_good(other[0], state)
+            if as_good and rival.sure:
+                return (rival.taken(other[0], state), *other[1:])
+            self._solved, self._texture = before
+            if as_good:
+                doubt = rival.doubt(state)
+                names = tuple(dict.fromkeys((*state.suspect, *doubt.names)))
+                return replace(state, doubts=(*state.doubts, doubt), suspect=names), labelled, *rest
+        return found
+
+    def _too_far(self, rival: Rival, frame: FrameImages) -> bool:
+        """Whether a part would be farther on than it moves, by how well the frames before said where it would be."""
+        memory = self._memory
+        assert memory is not None
+        expected = predicted(memory, frame.instant - memory.instant)
+        return rival.farther(expected, {n: SIGMAS * e for n, e in memory.error_px.items()}, self._test)
 
     def _hidden_from(self, name: str, state: Deformation) -> NDArray[np.bool_] | None:
         if self._test.visible is None:

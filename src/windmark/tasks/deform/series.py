@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from windmark.deformation import Deformation
 from windmark.deformation.equations import Equations
 from windmark.deformation.evidence import Evidence, Instant, instant_of
+from windmark.deformation.few_walls import walls_alone
 from windmark.deformation.lasting import Lasting, lasting
 from windmark.deformation.late import Late, lateness
 from windmark.deformation.misfit import Misfit, length_unit
 from windmark.deformation.patterns import fields_of
 from windmark.deformation.pushed import Pushed, pushed
-from windmark.deformation.solve import Solved
+from windmark.deformation.solve import Solved, free_names
+from windmark.deformation.wall_places import Displaced, WallPlaces, displaced
 from windmark.scene import Doubt
 from windmark.tasks.deform.task import DeformationTest, FrameImages
 
@@ -46,6 +48,8 @@ class Series:
     pushed : the camera that all of them show from elsewhere
     fixed : of each camera whether its pose is taken as known
     frames : how many of them have wind, those in which a camera contradicts the others included
+    walls : what those with wind say of the places of markers on walls that alone hold the cameras; None for nothing
+    displaced : the markers on walls that all of them show elsewhere
     """
 
     views: tuple[str, ...]
@@ -63,6 +67,8 @@ class Series:
     pushed: Pushed | None = None
     fixed: tuple[bool, ...] = ()
     frames: int = 0
+    walls: WallPlaces | None = None
+    displaced: Displaced | None = None
 
     @staticmethod
     def of(test: DeformationTest) -> Series | None:
@@ -87,13 +93,16 @@ class Series:
         still = odd or wind_off
         instant = instant_of(equations, self.views, moving, still)
         evidence = self.evidence if self.evidence is not None else Evidence.none(self.views, solved.task.placed)
-        evidence, count = evidence.plus(instant, cov, wind_off), self.with_wind + (not still)
+        evidence, count = evidence.plus(instant, cov, wind_off, frame.instant), self.with_wind + (not still)
         moved2, changed2 = self.moved2, self.changed2
         if moving is not None and self.moving is not None:
             moved2 += float((moving**2).sum() + (self.moving**2).sum()) / 2
             changed2 += float(((moving - self.moving) ** 2).sum())
-        late = lateness(evidence, cov, float(np.sqrt(changed2 / moved2)) if moved2 > 0 else 0.0)
+        uneven = float(np.sqrt(changed2 / moved2)) if moved2 > 0 else 0.0
+        # By clocks or time stamps instants are times.
+        late = lateness(evidence, cov, uneven, "s" if frame.time_s == frame.instant else "frames")
         # A camera that is late between its pictures, which nothing tells, looks pushed where the model moves steadily.
+        walls, off = self._of_walls(equations, evidence, frame) if not wind_off else (self.walls, self.displaced)
         frames, left, moved = self.frames + (not wind_off and not frame.shots), None, None
         # What a camera that is late or elsewhere leaves over looks like much else.
         if late is None and not frame.shots:
@@ -102,8 +111,23 @@ class Series:
             left = self.lasting if still else lasting(evidence, instant, equations, count, self.lasting)
         return Series(
             self.views, self.wind_off, evidence, count, instant.place, frame.instant, moving, moved2, changed2, instant,
-            late, left, moved, self.fixed, frames,
+            late, left, moved, self.fixed, frames, walls, off,
         )  # fmt: skip
+
+    def _of_walls(
+        self, equations: Equations, evidence: Evidence, frame: FrameImages
+    ) -> tuple[WallPlaces | None, Displaced | None]:
+        """What the frames say of the places of markers on walls, one of them more, and which are displaced."""
+        task, alone = equations.solved.task, walls_alone(equations.solved)
+        if frame.shots or not len(alone):
+            return self.walls, self.displaced
+        walls = self.walls
+        if walls is None:
+            walls = WallPlaces.none(np.flatnonzero(task.wall), len(task.wall))
+        walls = walls.plus(equations, free_names(equations.solved.problem), task.place_cov)
+        names = [str(n) for n in task.markers.name[walls.walls]]
+        told, unit = self.displaced is not None, length_unit(task.volumes)
+        return walls, displaced(walls, evidence, task.place_cov, names, unit, told=told)
 
     def without(self) -> Series:
         """The frames so far without what the last one says by itself; all that a frame hands on that says nothing."""
@@ -116,25 +140,38 @@ class Series:
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """What is to be said of the series."""
+        walls = () if self.displaced is None else (self.displaced.doubt,)
         off = self._of_a_camera
         if off is not None:
-            return (off.doubt,)
-        return () if self.lasting is None else self.lasting.doubts
+            return (off.doubt, *walls)
+        return walls if self.lasting is None else (*self.lasting.doubts, *walls)
 
     def judged(self, state: Deformation) -> Deformation:
         """The state of the last frame with what all of them say; the same where that is nothing."""
-        of = self._of_a_camera
+        state, of = self._with_displaced(state), self._of_a_camera
         if of is None:
             return self._with_what_is_left(state)
         better = OF_ONE_INSTANT if self.late is not None else OF_ONE_POSE
         kept = tuple(d for d in state.doubts if d.cause not in better)
-        doubts = (*self.doubts, *kept)
+        doubts = (of.doubt, *kept)
         names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
         cov = state.cov
         if self.last is not None:
             off = _by_name(of.shifts(self.last), self.last.names, state.names)
             cov = cov + off @ off.T
         return replace(state, cov=cov, set_up=state.cov_of_set_up, doubts=doubts, suspect=names)
+
+    def _with_displaced(self, state: Deformation) -> Deformation:
+        """The state with what markers on walls are off by; the frame by itself names some of them, or fewer."""
+        of, walls = self.displaced, self.walls
+        if of is None or walls is None or self.last is None or walls.names != self.last.names:
+            return state
+        doubt = of.doubt
+        doubts = (doubt, *(d for d in state.doubts if d.cause != "marker" or not set(d.names) & set(doubt.names)))
+        own = _by_name(np.eye(len(walls.names)), walls.names, state.names)
+        more = own @ of.more(walls.follow) @ own.T
+        names = tuple(dict.fromkeys(n for d in doubts for n in d.names))
+        return replace(state, cov=state.cov + more, set_up=state.cov_of_set_up, doubts=doubts, suspect=names)
 
     def _with_what_is_left(self, state: Deformation) -> Deformation:
         """The state with what the laws lack in all frames; what it has found by itself gives way, if it is that."""

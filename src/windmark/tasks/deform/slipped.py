@@ -4,7 +4,9 @@ On regular rows of a part that slides or turns the markers next to the right one
 were expected, once it moved by about half a spacing or more; they fit as well. Only the ends tell: markers lack at one,
 and beyond the other there are as many spots that nobody asked for. So where markers of such a part lack, those places
 are looked at, and what explains more spots is right. Rows may go on beyond the table, with marks that are no markers;
-whether they do is seen while none of the part's markers lacks, or cannot be told.
+whether they do is seen while none of the part's markers lacks, or cannot be told. Where it was seen those marks are
+looked for like markers: without them a part that slipped towards them lacks nothing. What explains as many spots is
+told by the motion before alone, and where there is none, by nothing.
 """
 
 from __future__ import annotations
@@ -17,16 +19,19 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation
+from windmark.deformation.attached import LIKELIER
 from windmark.deformation.misfit import length_unit
 from windmark.deformation.slides import Slide, slides_of
 from windmark.errors import g3
-from windmark.scene import Doubt, MarkerSet
+from windmark.scene import Doubt
 from windmark.tasks.deform.memory import displaced
 from windmark.tasks.deform.sights import OWN_PX
 from windmark.tasks.deform.spots import Labelled, near
 from windmark.tasks.deform.task import DeformationTest, Image
 
+Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Label = tuple[int, int]
 Masks = Mapping[str, NDArray[np.bool_]]
 
 SURE = 2
@@ -42,18 +47,39 @@ class Rival:
     ----------
     state : the one that was found, with other parameters of the part's law
     slide : how it came there
-    more : how many spots more it explains
+    more : how many spots more it explains; 0 where it explains as many
+    of_marks : how many of these are of marks that are no markers
     sure : whether it is known that the rows do not go on beyond the table, and those spots are enough
     """
 
     state: Deformation
     slide: Slide
     more: int
+    of_marks: int
     sure: bool
 
     def doubt(self, found: Deformation) -> Doubt:
         """That the state that was found may be slipped."""
         return self._doubt("may be slipped by", self._values(self.state, found))
+
+    def as_good(self, other: Deformation, found: Deformation) -> bool:
+        """Whether the adjusted state, ``other``, is to be thought of beside the one that was found.
+
+        Rows are never quite regular: where the places of their markers are known well enough, these tell by themselves.
+        """
+        more = int(other.used.sum()) + self.of_marks - int(found.used.sum())
+        worse = (other.chi2 - found.chi2) / max(np.nan_to_num(found.sigma0, nan=1.0), 1.0) ** 2
+        return more > 0 if self.more and not self.of_marks else more >= min(self.more, 1) and worse < LIKELIER
+
+    def farther(self, expected: Deformation, reach_px: Mapping[str, float], test: DeformationTest) -> bool:
+        """Whether the part is so far from where it was expected, in all of some cameras."""
+        here, there = (displaced(test.markers, s).xyz[self.slide.own] for s in (expected, self.state))
+        for name, reach in reach_px.items():
+            station, pose = test.station(name), expected.cam_from_tunnel.get(name)
+            away = [station.camera.project((pose or station.cam_from_tunnel).apply(x))[0] for x in (here, there)]
+            if not np.median(np.linalg.norm(away[1] - away[0], axis=1)) > reach:
+                return False
+        return True
 
     def taken(self, other: Deformation, found: Deformation) -> Deformation:
         """The state with the part further on, in place of the one that was found, which is said.
@@ -73,9 +99,12 @@ class Rival:
 
     def _doubt(self, what: str, values: str, then: str = "") -> Doubt:
         unit = length_unit(self.state.volumes)
+        explained = f"{self.more} more of its spots are explained"
+        if not self.more:
+            explained = "as many of its spots are explained as well, and no motion before tells"
         return Doubt((self.slide.volume,), (
             f"{{}} {what} one spacing of {g3(self.slide.spacing)} {unit}".rstrip() + f"{then}: with {values} "
-            f"{self.more} more of its spots are explained; see in the pictures which of its markers are at its ends"
+            f"{explained}; see in the pictures which of its markers are at its ends"
         ), "layout")  # fmt: skip
 
 
@@ -94,60 +123,136 @@ class Slips:
     beyond: dict[tuple[str, int], frozenset[int]] = field(default_factory=dict)
     _slides: tuple[Slide, ...] | None = None
 
-    def rival(
+    def rivals(
         self, state: Deformation, labelled: Mapping[str, Labelled], images: Mapping[str, Image], hidden: Masks,
         *, cold: bool,
-    ) -> Rival | None:  # fmt: skip
-        """What explains more spots than a state does, by a part that is further on; None where nothing does.
+    ) -> tuple[Rival, ...]:  # fmt: skip
+        """What explains more spots than a state does, by a part that is further on; or all that explain as many.
 
         ``images`` of the instant, of some of the cameras that have ``labelled`` spots; ``cold``: this frame tells what
         is beyond the rows, too, where no marker lacks.
         """
-        if not cold and all(len(spots.marker) >= spots.expected for spots in labelled.values()):
-            return None
         if self._slides is None:
             self._slides = slides_of(state.placed, self.test.markers.role == "wall")
-        best: Rival | None = None
-        alike, beyond = False, dict[tuple[str, int], frozenset[int]]()
+        names = [n for n in images if n in labelled]
+        own = {n: self._marks(images[n], n, state, labelled[n], hidden.get(n)) for n in names}
+        lacks = any(len(spots.marker) < spots.expected for spots in labelled.values())
+        if not cold and not lacks and not any(marks.lack for marks in own.values()):
+            return ()
+        best, alike, tied = None, False, list[Rival]()
+        beyond = dict[tuple[str, int], frozenset[int]]()
         for number, slide in enumerate(self._slides):
-            lost = {n: int(np.isin(labelled[n].marker, slide.vacated).sum()) for n in images if n in labelled}
-            # A part that slipped so far has no spots left where it would leave, but for a few that are others'.
-            if not cold and 2 * sum(lost.values()) > len(slide.entering) * len(lost):
-                continue
             q = slide.of(state.q)
             if q is None:
                 continue
             other = replace(state, q=q)
-            placed = displaced(self.test.markers, other)
-            there = {n: self._there(images[n], n, other, placed, slide, labelled[n], hidden.get(n)) for n in lost}
-            new = {n: there[n] - self.beyond.get((n, number), frozenset()) for n in lost}
-            more = sum(len(new[n]) - lost[n] for n in lost)
-            places = len(frozenset[int]().union(*new.values()))
-            if more <= 0:
-                beyond.update({(n, number): there[n] for n in lost})
+            marks = {n: self._marks(images[n], n, other, labelled[n], hidden.get(n)) for n in names}
+            left = {n: labelled[n].xy[np.isin(labelled[n].marker, slide.vacated)] for n in names}
+            # A part that slipped so far has no spots left where it would leave, but for a few that are others'.
+            lost = sum(int(_apart(left[n], marks[n].xy).sum()) for n in names)
+            if not cold and 2 * lost > len(slide.entering) * len(names):
                 continue
-            known = all((n, number) in self.beyond for n in lost)
+            there = {n: self._there(images[n], n, other, slide, labelled[n], hidden.get(n)) for n in names}
+            new = {n: _new(there[n], marks[n], labelled[n], own[n]) for n in names}
+            lost = sum(_lost(left[n], there[n], marks[n], labelled[n], slide, own[n]) for n in names)
+            more, places = sum(map(len, new.values())) - lost, len(frozenset[Label]().union(*new.values()))
+            by_markers = sum(len(there[n].labels) - len(left[n]) for n in names)
+            rival = Rival(other, slide, max(more, 0), more - by_markers, False)
+            if more <= 0:
+                beyond.update({(n, number): frozenset(m for _, m in there[n].labels) for n in names})
+                shown = any(np.isin(labelled[n].marker, slide.own).any() for n in names)
+                tied += [rival] if shown and more == 0 else []
+                continue
+            known = all((n, number) in self.beyond for n in names)
             alike = best is not None and (more == best.more or (alike and more < best.more))
             if best is None or more > best.more:
-                best = Rival(other, slide, more, known and min(more, places) >= SURE)
-        if best is None:  # a part that slipped has its own spots there
-            self.beyond.update(beyond)
-            return None
-        return replace(best, sure=best.sure and not alike)
+                best = replace(rival, sure=known and min(more, places) >= SURE)
+        if best is not None:  # a part that slipped has its own spots there
+            return (replace(best, sure=best.sure and not alike),)
+        for key, seen in beyond.items():  # a mark that was seen once is there, whether it can be seen now or not
+            self.beyond[key] = self.beyond.get(key, frozenset()) | seen
+        return tuple(tied)
+
+    def _marks(
+        self, image: Image, name: str, state: Deformation, labelled: Labelled, hidden: NDArray[np.bool_] | None
+    ) -> _Seen:
+        """The spots of marks that are known to be beyond the rows, where they are in a state."""
+        seen = _Seen.none()
+        for number, slide in enumerate(self._slides or ()):
+            which, q = self.beyond.get((name, number)), None
+            if which and (q := slide.of(state.q)) is not None:
+                own = self._near(image, name, replace(state, q=q), np.array(sorted(which)), labelled, hidden)
+                # Two of its spacings on the one before the last is where the last is after one.
+                seen = seen.plus(number + 1, own, _apart(own.xy, seen.xy), lack=len(own.marker) < own.expected)
+        return seen
 
     def _there(
-        self, image: Image, name: str, state: Deformation, placed: MarkerSet, slide: Slide, labelled: Labelled,
+        self, image: Image, name: str, state: Deformation, slide: Slide, labelled: Labelled,
         hidden: NDArray[np.bool_] | None,
-    ) -> frozenset[int]:  # fmt: skip
+    ) -> _Seen:  # fmt: skip
         """Markers that enter and have a spot where they would be, which is nobody's yet."""
-        station = self.test.station(name)
+        seen = self._near(image, name, state, slide.entering, labelled, hidden)
+        return _Seen.none().plus(0, seen, _apart(seen.xy, labelled.xy))
+
+    def _near(
+        self, image: Image, name: str, state: Deformation, which: Ints, labelled: Labelled,
+        hidden: NDArray[np.bool_] | None,
+    ) -> Labelled:  # fmt: skip
+        """The spots at the places of some markers in a state."""
+        station, placed = self.test.station(name), displaced(self.test.markers, state)
         aside = np.ones(len(placed), bool)
-        aside[slide.entering] = False
-        seen = near(
+        aside[which] = False
+        return near(
             image, self.test, station, state.cameras.get(name, station.camera),
             state.cam_from_tunnel.get(name, station.cam_from_tunnel), placed, 0.0, labelled,
             aside if hidden is None else aside | hidden,
         )  # fmt: skip
-        if not len(seen.marker) or not len(labelled.xy):
-            return frozenset(seen.marker.tolist())
-        return frozenset(seen.marker[cKDTree(labelled.xy).query(seen.xy)[0] > OWN_PX].tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Spots at some places of a picture.
+
+    Parameters
+    ----------
+    labels : of each, the number of the slide and the marker
+    xy : (n, 2) where they are
+    lack : whether some places that should be seen have none
+    """
+
+    labels: tuple[Label, ...]
+    xy: Array
+    lack: bool = False
+
+    @staticmethod
+    def none() -> _Seen:
+        return _Seen((), np.zeros((0, 2)))
+
+    def plus(self, number: int, seen: Labelled, which: NDArray[np.bool_], *, lack: bool = False) -> _Seen:
+        """Those and some others of a slide."""
+        labels = tuple((number, m) for m in seen.marker[which].tolist())
+        return _Seen((*self.labels, *labels), np.concatenate([self.xy, seen.xy[which]]), self.lack or lack)
+
+
+def _lost(left: Array, there: _Seen, marks: _Seen, labelled: Labelled, slide: Slide, own: _Seen) -> int:
+    """How many spots a part that is further on leaves unexplained.
+
+    ``left`` (n, 2) of its markers that leave, ``own`` of known marks beyond its rows; ``there`` is what its markers
+    that enter have then, and ``marks`` what those marks have.
+    """
+    spots = np.concatenate([left, own.xy])
+    stay = labelled.xy[~np.isin(labelled.marker, slide.vacated)]
+    return int((_apart(spots, marks.xy) & _apart(spots, stay) & _apart(spots, there.xy)).sum())
+
+
+def _new(there: _Seen, marks: _Seen, labelled: Labelled, own: _Seen) -> frozenset[Label]:
+    """The spots that it explains in their place."""
+    xy, labels = np.concatenate([there.xy, marks.xy]), (*there.labels, *marks.labels)
+    once = np.r_[np.ones(len(there.xy), bool), _apart(marks.xy, there.xy)]
+    new = once & _apart(xy, labelled.xy) & _apart(xy, own.xy)
+    return frozenset(label for label, is_new in zip(labels, new.tolist(), strict=True) if is_new)
+
+
+def _apart(xy: Array, others: Array) -> NDArray[np.bool_]:
+    """(n,) which spots are none of some others."""
+    return np.asarray(cKDTree(others).query(xy)[0] > OWN_PX) if len(others) else np.ones(len(xy), bool)

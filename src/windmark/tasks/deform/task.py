@@ -80,7 +80,7 @@ class DeformationTest:
     marker_cov : (N, 3, 3) covariance of the markers' places where images showed them, the paint's texture included (the
         wind-off zero); None takes their sigma and adds the texture
     look : how markers are looked for
-    wind_off : keys of the frames that ``marker_cov`` is from
+    wind_off : keys of the wind-off frames, which ``marker_cov`` is from and all else is relative to
     """
 
     stations: tuple[Station, ...]
