@@ -99,10 +99,10 @@ def test_words_name_marker_numbers_and_axis(case):
     result = run(case, nearest(case, LINE))
     worst = replace(result.hardly_checked[0], point=0, marker=1, axis="z", share=0.1, error=0.9, sigmas=9.0, moved=2.0,
                     times=12.0)  # fmt: skip
-    words = hardly_checked_words([worst, replace(worst, point=2, share=1e-3)], result.markers)
+    words = hardly_checked_words([worst, replace(worst, point=2, share=1e-3)], (), result.markers)
     assert "hardly check m00: an error of up to 0.9 mm of it (9 of its sigmas, along z mostly)" in words
     assert "moves m01 by up to 2 mm, 12 of its sigmas; hardly checked as well: m02 (along z, by nothing)" in words
-    words = hardly_checked_words([worst, replace(worst, point=2, axis="x")], result.markers)
+    words = hardly_checked_words([worst, replace(worst, point=2, axis="x")], (), result.markers)
     assert words.endswith("hardly checked as well: m02 (up to 0.9 mm along x, which moves m01 by 2 mm)")
-    none = hardly_checked_words([replace(worst, share=1e-3)], result.markers)
+    none = hardly_checked_words([replace(worst, share=1e-3)], (), result.markers)
     assert none.startswith("nothing checks the known marker m00 along z: an error there moves m01 2.2 times as far")

@@ -12,6 +12,7 @@ from windmark.adjust.network import NetworkState
 from windmark.adjust.network.datum import DatumCovariance, in_datum
 from windmark.adjust.network.problem import camera_columns
 from windmark.calibration.advice import helpful_pictures
+from windmark.calibration.bar_reliability import hardly_checked_bars
 from windmark.calibration.datum import Free
 from windmark.calibration.disc_shapes import Discs
 from windmark.calibration.lens_known import RADIAL, radial_spread
@@ -101,6 +102,7 @@ def calibration(
         cam_from_rig={n: Pose(o.rotation[c], o.translation[c]) for c, n in enumerate(job.cameras)} if o else {},
         rig_cov=_rig_cov(job, solved, covariance, scale) if o else {},
         hardly_checked=hardly_checked(job, solved, seen, sigma),
+        hardly_checked_bars=hardly_checked_bars(job, solved, seen, sigma),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Known markers that the others hardly check, in figures and in words.
+"""Known markers and distances that the others hardly check, in figures and in words.
 
 Where a network has few known markers most of an error of one goes into the frame that they hold, and little is left in
 the residuals that are tested: it moves everything, and is no contradiction (Baarda 1968). That is no fault of a
@@ -45,11 +45,56 @@ class Hardly:
     times: float
 
 
-def hardly_checked_words(hardly: Sequence[Hardly], markers: MarkerSet) -> str:
-    """What is said of known markers of a network that others hardly check, the worst first; "" where there are none.
+@dataclass(frozen=True)
+class HardlyBar:
+    """A known distance of which the rest of a network shows little.
+
+    Parameters
+    ----------
+    first, second : its markers
+    share : of the weight of its error that is left in its residual
+    error, sigmas : an error that is mostly (80 %) noticed (length units), and that in its own sigmas; a smaller one is
+        likely not
+    scale : part by which it changes all lengths
+    """
+
+    first: str
+    second: str
+    share: float
+    error: float
+    sigmas: float
+    scale: float
+
+
+def hardly_checked_words(hardly: Sequence[Hardly], bars: Sequence[HardlyBar], markers: MarkerSet) -> str:
+    """What is said of known markers and distances of a network that others hardly check, the worst first; "" of none.
 
     ``markers`` are those of the calibration.
     """
+    said = _of_markers(hardly, markers), _of_bars(bars, markers.length_unit or "")
+    return "; ".join(words for words in said if words)
+
+
+def _of_bars(bars: Sequence[HardlyBar], unit: str) -> str:
+    if not bars:
+        return ""
+    worst, *others = bars
+    said = (
+        f"the rest hardly checks the known distance {worst.first} to {worst.second}: an error of up to "
+        f"{_length(worst.error, unit)} of it ({g2(worst.sigmas)} of its sigmas) may go unnoticed, and changes all "
+        f"lengths by up to {g2(100 * worst.scale)} %"
+    )
+    if others:
+        some = [
+            f"{o.first} to {o.second} (up to {_length(o.error, unit)}, {g2(100 * o.scale)} % of all lengths)"
+            for o in others[:NAMED]
+        ]
+        more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
+        said += f"; hardly checked as well: {', '.join(some)}{more}"
+    return said
+
+
+def _of_markers(hardly: Sequence[Hardly], markers: MarkerSet) -> str:
     if not hardly:
         return ""
     worst, *others = hardly

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import SolveReport
-from windmark.calibration.hardly_checked import Hardly, hardly_checked_words
+from windmark.calibration.hardly_checked import Hardly, HardlyBar, hardly_checked_words
 from windmark.calibration.setup import changed
 from windmark.errors import g2, g3
 from windmark.geometry import Camera, Pose
@@ -76,7 +76,8 @@ class Calibration:
     swapped : (first, second, view) names of markers whose marks were exchanged
     report : why the adjustment stopped
     options : everything it was made with, by name
-    hardly_checked : known markers whose errors the others hardly show, the worst first; no sigma contains them
+    hardly_checked, hardly_checked_bars : known markers, and known distances, whose errors the others hardly show, the
+        worst first; no sigma contains them
 
     Examples
     --------
@@ -119,6 +120,7 @@ class Calibration:
     rig_cov: Mapping[str, Array] = field(default_factory=dict)
     doubts: tuple[Doubt, ...] = ()
     hardly_checked: tuple[Hardly, ...] = ()
+    hardly_checked_bars: tuple[HardlyBar, ...] = ()
 
     def __bool__(self) -> bool:
         return True
@@ -155,8 +157,8 @@ class Calibration:
 
     @property
     def unchecked(self) -> str:
-        """Of which known markers an error would hardly show, and what it would do, in words; "" for none."""
-        return hardly_checked_words(self.hardly_checked, self.markers)
+        """Of which known markers and distances an error would hardly show, and what it would do, in words; or ""."""
+        return hardly_checked_words(self.hardly_checked, self.hardly_checked_bars, self.markers)
 
     def pose(self, view: str) -> Pose:
         """``cam_from_model`` of a view by name."""

@@ -206,6 +206,8 @@ def _unchecked(result: Calibration) -> tuple[str, str]:
         return f"; {turn}", "; a fourth known marker would check the three, which all of it rests on"
     if not result.unchecked:
         return "", ""
+    if not result.hardly_checked:
+        return f"; {result.unchecked}", "; a further known distance, as long as it, would check it"
     worst = result.markers.name[result.hardly_checked[0].point]
     return f"; {result.unchecked}", f"; a further known marker near {worst} would check it"
 
