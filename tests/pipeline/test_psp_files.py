@@ -26,7 +26,7 @@ from windmark.pipeline.psp.wtd import read_wtd
 from windmark.pipeline.verdict import DOUBTFUL, GOOD
 from windmark.pipeline.verdict.paint import psp_verdict
 from windmark.resection import map_pixels
-from windmark.scene import Mesh
+from windmark.scene import Mesh, structured_triangles
 
 HEAD = "point,alpha_deg,p_inf_Pa,q_inf_Pa,p_off_Pa,T_off_K,on,off"
 ROW = "a,1,65000,29000,99000,293,on.tif,off.tif"
@@ -366,6 +366,32 @@ def test_a_map_of_the_wall_whose_holes_are_numbers_is_refused(tmp_path, value, s
         read([295.0, 296.0, 297.0, value], [0.3, 0.3, 0.3, sigma])
     found = read([295.0, 296.0, 297.0, np.nan], [0.3, 0.3, 0.3, np.nan])
     assert found.known.tolist() == [True, True, True, False]
+
+
+def test_a_map_is_taken_in_its_own_unit_on_nodes_that_are_moved_and_bent_and_on_no_others(tmp_path):
+    """One in metres was refused as having "1581 nodes, not those of the grid, which has 1581"; other nodes passed."""
+    x, y = np.meshgrid(np.linspace(0, 200, 21), np.linspace(0, 120, 13))
+    xyz = np.c_[x.ravel(), y.ravel(), 10 - x.ravel() ** 2 / 4000]
+    mesh = replace(Mesh.make(xyz, structured_triangles(21, 13), "wing"), length_unit="mm")
+
+    def read(places, unit="mm"):
+        values = {"temperature": np.linspace(290.0, 300.0, len(places))}
+        other = replace(mesh.moved(np.asarray(places, float)), length_unit=unit)
+        write_nodes_netcdf(tmp_path / "T.nc", other, values, units={"temperature": "K", "length": unit}, history={})
+        return read_map(tmp_path / "T.nc", SimpleNamespace(mesh=mesh), 0.2).value
+
+    values = read(xyz)
+    assert read(xyz / 1000, "m").tolist() == values.tolist()
+    bent = xyz + np.c_[np.zeros((len(xyz), 2)), 6 * (y.ravel() / 120) ** 2] + [3.0, -2.0, 1.0]
+    assert read(bent).tolist() == values.tolist()
+    clustered = xyz.copy()
+    clustered[:, 0] = 200 * (x.ravel() / 200 + 0.06 * np.sin(np.pi * x.ravel() / 100))
+    with pytest.raises(FileError, match="of the grid's triangles are of another length between its nodes"):
+        read(clustered)
+    with pytest.raises(FileError, match="its nodes lie up to 233 mm from those of the project's grid"):
+        read(xyz[::-1])
+    with pytest.raises(FileError, match="its nodes lie up to"):
+        read(xyz / 1000)
 
 
 @pytest.mark.parametrize(("names", "words"), [

@@ -53,7 +53,8 @@ def psp_page(test: PspTest, records: list[PointRecord], folder: Path) -> Report:
         report.heading("Cp on the surface")
         report.scene("3D view", lambda: psp_scene(test, done, lambda r: _fields(folder / r.name / FIELDS)),
                      "Cp of each point, or its sigma, all on one scale, each on its deformed grid, with cameras, "
-                     "markers and residuals of its first picture with wind; grey: no camera sees it.")  # fmt: skip
+                     "markers and residuals of its first picture with wind; grey: seen by no camera, or not well "
+                     "enough for a value.")  # fmt: skip
         _pictures(report, test, done)
         for r in [done[k] for k in np.unique(np.linspace(0, len(done) - 1, min(MAPS, len(done))).astype(int))]:
             _maps(report, test, r, folder)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from windmark import io
-from windmark.errors import DataError, g2
+from windmark.errors import DataError, g2, g3
 from windmark.paint import NodeField, given_temperature
 from windmark.paint.stern_volmer import TEMPERATURE_OUTSIDE
 from windmark.pipeline.psp.entries import POINT
@@ -17,6 +17,7 @@ from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.stream import FROZEN_K
 from windmark.pipeline.psp.table import PointRow
 from windmark.scene import Mesh
+from windmark.scene.units import IN_MM
 from windmark.tasks.psp import MergedRatio, as_one_cause, two_colours
 from windmark.tasks.psp.channels import REFERENCE
 
@@ -24,6 +25,9 @@ MAP, PAINT, CHANNEL = "temperature map", "temperature paint", "temperature chann
 STEADY = "steady pressure"
 NEAR = 0.1
 """Part of the grid's size within which a map's nodes lie where the grid has them: it may be that of the bent model."""
+BENT, ROUNDING, FEW = 0.1, 1e-5, 0.01
+"""Part of its length by which no bending changes a triangle's side; of the grid's size, what a file rounds; part of the
+sides of which that is not asked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,11 +98,8 @@ def read_map(
     mesh, fields, units, _ = io.read_nodes_netcdf(path)
     if name not in fields:
         raise io.FileError(path, f"has {', '.join(fields) or 'no field'}; expected one at the nodes", name)
-    if not _same_nodes(mesh, test.mesh):
-        raise io.FileError(
-            path, f"its {len(mesh.vertices)} nodes are not those of the project's grid, which has "
-            f"{len(test.mesh.vertices)}; expected the same in the same order", name,
-        )  # fmt: skip
+    if (why := _other_nodes(mesh, test.mesh)):
+        raise io.FileError(path, f"{why}; expected the nodes of the project's grid in the same order", name)
     if units.get(name) != unit:
         raise io.FileError(path, f"is in {units.get(name) or 'no unit'}; expected {unit}", name)
     value = np.asarray(fields[name], dtype=float)
@@ -116,11 +117,25 @@ def read_map(
     return given_temperature(value, sigma, common_sigma=common_sigma, unit=unit, cause=cause)
 
 
-def _same_nodes(a: Mesh, b: Mesh) -> bool:
-    """Whether two grids have the same nodes in the same order; one of them may be moved and bent."""
+def _other_nodes(a: Mesh, b: Mesh) -> str:
+    """Why a grid has not the nodes of the project's (b) in the same order, in words, or "". It may be moved and bent:
+    its nodes lie near, and the triangles' sides are as long.
+    """
     if len(a.vertices) != len(b.vertices):
-        return False
-    return bool((np.linalg.norm(a.vertices - b.vertices, axis=1) < NEAR * b.diagonal).all())
+        return f"it has {len(a.vertices)} nodes, the project's grid {len(b.vertices)}"
+    factor = IN_MM[a.length_unit] / IN_MM[b.length_unit] if a.length_unit and b.length_unit else 1.0
+    xyz = factor * a.vertices
+    far = np.linalg.norm(xyz - b.vertices, axis=1)
+    if not (far < NEAR * b.diagonal).all():
+        unit = f" {b.length_unit}".rstrip()
+        return f"its nodes lie up to {g3(float(far.max()))}{unit} from those of the project's grid"
+    t, following = b.triangles, np.roll(b.triangles, -1, axis=1)
+    own, theirs = (np.linalg.norm(v[t] - v[following], axis=2) for v in (b.vertices, xyz))
+    other = np.abs(theirs - own) > BENT * own + ROUNDING * b.diagonal
+    if not other.mean() > FEW:
+        return ""
+    part = g2(100 * float(other.mean()))
+    return f"{part} % of the sides of the grid's triangles are of another length between its nodes"
 
 
 def _by_paint(test: PspTest, row: PointRow, by_paint: MergedRatio) -> Wall:

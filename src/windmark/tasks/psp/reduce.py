@@ -223,8 +223,9 @@ def _temperature(rest: Mesh, seen: Mask, task: PointTask, remarks: list[str]) ->
         return wall
     if task.recovery is None:
         raise DataError("there is no temperature: no thermocouple has a reading and no recovery is given")
-    if not (np.isfinite(task.conditions.mach) and np.isfinite(task.conditions.t_0)):
-        raise DataError("the temperature is missing: recovery needs the Mach number and T0")
+    known = {"the Mach number": task.conditions.mach, "T0": task.conditions.t_0}
+    if lacking := [name for name, value in known.items() if not np.isfinite(value)]:
+        raise DataError(f"the temperature is missing: recovery needs {' and '.join(lacking)}, which nothing gives")
     if wells is not None:
         remarks.append("no thermocouple has a reading: the wall's temperature is that of recovery")
     even = recovery_temperature(task.conditions, count, recovery=task.recovery, t_0_sigma=task.wall_sigma)
