@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.dead_groups import RATIO, dead_groups
-from windmark.detection.dead_lines import candidates, dead_lines
+from windmark.detection.dead_lines import candidates, dead_lines, repeated
 from windmark.detection.image import DEAD_RATIO, Pixels, check_image, levels_of, shifted, usable_sample
 from windmark.detection.sharpest import sharpness_px
 
@@ -64,7 +64,7 @@ def _together(
     maybe = [candidates(turned, step) for turned in (g, g.T)]
     alone = np.isin(seeds[:, 0] * g.shape[1] + seeds[:, 1], single[:, 0] * g.shape[1] + single[:, 1])
     seeds = seeds[~alone]
-    if not len(seeds) and not any(len(some) for some in maybe):
+    if not (len(seeds) or any(len(some) for some in maybe)) or repeated(g) or repeated(g.T):
         return none, none, None
     ends = float(np.fmin.reduce(g, axis=None)), float(np.fmax.reduce(g, axis=None))
     noise = local_noise(g, step)
@@ -73,7 +73,7 @@ def _together(
         dead_lines(turned, some, blur_px, step, ends) for turned, some in zip((g, g.T), maybe, strict=True)
     )
     g[single[:, 0], single[:, 1]] = g[:, columns] = g[rows] = np.nan
-    return columns, rows, dead_groups(g, seeds, noise, blur_px, ends)
+    return columns, rows, dead_groups(g, seeds, noise, blur_px, step, ends)
 
 
 def local_noise(g: Pixels, step: float) -> Any:

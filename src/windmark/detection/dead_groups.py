@@ -30,7 +30,7 @@ _FOUR = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
 def dead_groups(
-    g: Pixels, seeds: NDArray[np.int64], noise: Any, blur_px: float, ends: tuple[float, float]
+    g: Pixels, seeds: NDArray[np.int64], noise: Any, blur_px: float, step: float, ends: tuple[float, float]
 ) -> Mask | None:
     """(H, W) pixels in groups of few whose outside is as dark as if they were not there, which beside what an optic of
     ``blur_px`` has imaged it is not; None where there are none.
@@ -42,6 +42,7 @@ def dead_groups(
     g : (H, W), NaN are missing
     seeds : (K, 3: row, column, side) that may be its corners, of `_kernels.dead.dead_pixels`
     noise : (H, W) 1 sigma of a pixel
+    step : between grey levels
     ends : of the picture's levels
     """
     out: Mask | None = None
@@ -54,7 +55,7 @@ def dead_groups(
             continue
         done.add(where)
         part, sigma = g[window].astype(float), float(np.median(noise[window]))
-        group = _group(part, sigma, blur_px, (y - where[0], x - where[1]), ends)
+        group = _group(part, sigma, blur_px, (y - where[0], x - where[1]), step, ends)
         if group.any():
             out = np.zeros(g.shape, bool) if out is None else out
             out[window] |= group
@@ -86,7 +87,12 @@ def _length(part: slice) -> int:
 
 
 def _group(
-    window: NDArray[np.float64], sigma: float, blur_px: float, seed: tuple[int, int], ends: tuple[float, float]
+    window: NDArray[np.float64],
+    sigma: float,
+    blur_px: float,
+    seed: tuple[int, int],
+    step: float,
+    ends: tuple[float, float],
 ) -> Mask:
     """Pixels of a window that are those of a dead group with that at ``seed``; ``ends`` of the picture's levels."""
     from scipy.ndimage import label
@@ -104,10 +110,12 @@ def _group(
     parts, _ = label(np.abs(off) > OUT * sigma, np.ones((3, 3), bool))
     part = (parts == parts[seed]) & (parts[seed] > 0)
     group = LEAST <= part.sum() <= MOST and not (part & ~inner).any()
-    return part if group and _is_sharp(off, clipped, part, sigma, blur_px) else none
+    return part if group and _is_sharp(off, clipped, part, sigma, blur_px, step) else none
 
 
-def _is_sharp(off: NDArray[np.float64], clipped: Mask, part: Mask, sigma: float, blur_px: float) -> bool:
+def _is_sharp(
+    off: NDArray[np.float64], clipped: Mask, part: Mask, sigma: float, blur_px: float, step: float
+) -> bool:
     """Whether there is no light beside the strong ones of a group's pixels; a ``clipped`` pixel does not tell."""
     strong = part & (np.abs(off) >= STRONG * np.abs(off[part]).max())
     beside, sizes = [], []
@@ -115,13 +123,16 @@ def _is_sharp(off: NDArray[np.float64], clipped: Mask, part: Mask, sigma: float,
         # Beside a strong one, with none beyond.
         beyond = np.roll(strong, (-dy, -dx), (0, 1))
         row, column = np.nonzero(np.roll(strong, (dy, dx), (0, 1)) & ~strong & ~beyond & ~clipped)
-        step = off[row - dy, column - dx] - off[row, column]
-        beside.append(off[row, column] / step)
-        sizes.append(np.abs(step))
+        change = off[row - dy, column - dx] - off[row, column]
+        beside.append(off[row, column] / change)
+        sizes.append(np.abs(change))
     light, size = np.concatenate(beside), np.concatenate(sizes)
     if len(light) < SIDES:
         return False
     thick = (strong[:-1, :-1] & strong[1:, :-1] & strong[:-1, 1:] & strong[1:, 1:]).any()
     least_light = sharpest_pair(blur_px) if thick else sharpest_line(blur_px)
-    spread = 1.25 * sigma / float(np.median(size)) / np.sqrt(len(light))
-    return bool(abs(np.median(light)) + 3 * spread < least_light)
+    # What is beside one that does not measure scatters by noise alone; a light that is less than half a step is rounded
+    # away.
+    usual, across = float(np.median(light)), float(np.median(size))
+    scatter = max(sigma / across, float(np.median(np.abs(light - usual))) / 0.6745)
+    return abs(usual) + 3 * 1.25 * scatter / np.sqrt(len(light)) + 0.5 * step / across < least_light

@@ -57,6 +57,13 @@ def _pieces(g: Pixels) -> Pixels:
     return rows[: len(rows) // PIECE * PIECE].reshape(-1, PIECE, g.shape[1])
 
 
+def repeated(g: Pixels) -> bool:
+    """Whether pixels were repeated to enlarge a picture: columns are the same as the next ones, and no plain ones."""
+    rows = g[:: max(1, -(-len(g) // MOST_SAMPLED))]
+    plain = (rows[1:] == rows[:-1]).all(axis=0)[1:]
+    return bool(((rows[:, 1:] == rows[:, :-1]).all(axis=0) & ~plain).sum() > MOST * g.shape[1])
+
+
 def candidates(g: Pixels, step: float) -> NDArray[np.int64]:
     """(K, 2) first columns of those that may be dead, and how many together: means of pieces, which are soon made, are
     off those beside them, and these are not off the next ones by as much as half of that.

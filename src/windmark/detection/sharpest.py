@@ -25,17 +25,20 @@ blur: of a straight edge at all places between two pixels, means over square pix
 
 
 def sharpness_px(picture: NDArray[Any], noise: Any) -> float:
-    """Blur (1 sigma, pixels) of a picture (H, W) by its steepest edges, which are those in focus; NaN where it is
-    sharper than any optic makes it, as drawn and sharpened pictures are.
+    """Blur (1 sigma, pixels) of a picture (H, W) by its steepest edges, which are those in focus, in the sharper of both
+    directions, where each has enough; NaN where it is sharper than any optic makes it, as drawn, sharpened and
+    interlaced pictures are.
 
     ``noise``: 1 sigma of a pixel, a number or (H, W). Of a lower quartile, so a part of the edges may be defects.
     """
     every = max(1, picture.size // SAMPLE)
     limit = np.broadcast_to(np.asarray(noise, np.float32), picture.shape)
-    spread = np.concatenate([_spread(a[::every], n[::every]) for a, n in ((picture, limit), (picture.T, limit.T))])
-    if len(spread) < ENOUGH:
+    both = [_spread(a[::every], n[::every]) for a, n in ((picture, limit), (picture.T, limit.T))]
+    if min(map(len, both)) < ENOUGH:
+        both = [np.concatenate(both)]
+    if len(both[0]) < ENOUGH:
         return SHARPEST_PX
-    lower = float(np.quantile(spread, 0.25))
+    lower = min(float(np.quantile(spread, 0.25)) for spread in both)
     return float(np.interp(lower, SPREADS, BLURS_PX)) if lower >= SPREADS[0] else float("nan")
 
 
