@@ -134,5 +134,10 @@ def _is_sharp(
     # What is beside one that does not measure scatters by noise alone; a light that is less than half a step is rounded
     # away.
     usual, across = float(np.median(light)), float(np.median(size))
-    scatter = max(sigma / across, float(np.median(np.abs(light - usual))) / 0.6745)
-    return abs(usual) + 3 * 1.25 * scatter / np.sqrt(len(light)) + 0.5 * step / across < least_light
+    noise, rounded, n = sigma / across, 0.5 * step / across, len(light)
+    scatter = max(noise, float(np.median(np.abs(light - usual))) / 0.6745)
+    if abs(usual) + 3 * 1.25 * scatter / np.sqrt(n) + rounded < least_light:
+        return True
+    # Where it is no more than noise on all sides (chi squared), their mean tells it more sharply than the median.
+    alone = bool((light**2).mean() < noise**2 * (1 + 3 * np.sqrt(2 / n)))
+    return alone and abs(float(light.mean())) + 3 * noise / np.sqrt(n) + rounded < least_light
