@@ -85,7 +85,8 @@ def local_noise(g: Pixels, step: float) -> Any:
     part = g[: rows * height].reshape(rows, height, -1)[:, ::EVERY]
     bend = np.abs(part[..., :-2] - 2 * part[..., 1:-1] + part[..., 2:])[..., : columns * width]
     tiles = bend.reshape(rows, -1, columns, width).swapaxes(1, 2).reshape(rows, columns, -1)
-    sigma = np.maximum(np.median(np.where(np.isnan(tiles), np.float32(0), tiles), axis=2) / (0.6745 * np.sqrt(6.0)), 0.3 * step)
+    known = np.where(np.isnan(tiles), np.float32(0), tiles)
+    sigma = np.maximum(np.median(known, axis=2) / (0.6745 * np.sqrt(6.0)), 0.3 * step)
     where = (np.minimum(np.arange(n) // size, count - 1) for n, size, count in
              zip(g.shape, (height, width), (rows, columns), strict=True))  # fmt: skip
     return sigma.astype(np.float32)[np.ix_(*where)]

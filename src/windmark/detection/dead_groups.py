@@ -76,8 +76,9 @@ def _box(g: Pixels, y: int, x: int, side: int, sigma: float) -> tuple[slice, sli
         parts = label(off > limit, np.ones((3, 3), bool))[0]
         box = find_objects((parts == parts[y - top, x - left]).astype(np.int8))[0]
         if max(_length(s) for s in box) <= ACROSS:
-            window = tuple(slice(s.start + o - FRAME, s.stop + o + FRAME) for s, o in zip(box, (top, left), strict=True))
-            inside = all(0 <= s.start and s.stop <= n for s, n in zip(window, g.shape, strict=True))
+            at = zip(box, (top, left), strict=True)
+            window = tuple(slice(s.start + o - FRAME, s.stop + o + FRAME) for s, o in at)
+            inside = all(s.start >= 0 and s.stop <= n for s, n in zip(window, g.shape, strict=True))
             return (window[0], window[1]) if inside else None
     return None
 

@@ -25,8 +25,8 @@ blur: of a straight edge at all places between two pixels, means over square pix
 
 
 def sharpness_px(picture: NDArray[Any], noise: Any) -> float:
-    """Blur (1 sigma, pixels) of a picture (H, W) by its steepest edges, which are those in focus, in the sharper of both
-    directions, where each has enough; NaN where it is sharper than any optic makes it, as drawn, sharpened and
+    """Blur (1 sigma, pixels) of a picture (H, W) by its steepest edges, which are those in focus, in the sharper of
+    both directions, where each has enough; NaN where it is sharper than any optic makes it, as drawn, sharpened and
     interlaced pictures are.
 
     ``noise``: 1 sigma of a pixel, a number or (H, W). Of a lower quartile, so a part of the edges may be defects.
