@@ -105,11 +105,13 @@ def test_beside_a_level_that_is_clipped_no_light_is_missed():
 @pytest.mark.parametrize("seed", range(5))
 def test_two_by_two_whose_sides_scatter(seed):
     """The light beside a point is little where it is sharp."""
-    plain = light(0.5).copy()
-    plain[60:170, 60:200] = 1000
-    image, truth = taken(plain, seed), np.zeros((H, W), bool)
-    for y in range(75, 160, 16):
-        truth[y : y + 2, 80 + seed : 82 + seed] = truth[y : y + 2, 150 + seed : 152 + seed] = True
+
+    def drawn(parts):
+        parts[5 * 110 : 5 * 150, 5 * 100 : 5 * 200] = 1000
+
+    image, truth = taken(light(0.6, drawn), seed), np.zeros((H, W), bool)
+    for x in (120, 140, 160, 180):
+        truth[130:132, x : x + 2] = True
     image[truth] = 0
     np.testing.assert_array_equal(dead_pixels(stored(image)), truth)
 
