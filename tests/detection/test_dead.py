@@ -100,3 +100,27 @@ def test_beside_a_level_that_is_clipped_no_light_is_missed():
     of = np.zeros((H, W))
     of[60:62, 80:82] = [[12, 0], [11, 9]]
     assert dead_pixels(stored(of)) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_two_by_two_whose_sides_scatter(seed):
+    """The light beside a point is little where it is sharp."""
+
+    def drawn(parts):
+        parts[5 * 110 : 5 * 150, 5 * 100 : 5 * 200] = 1000
+
+    image, truth = taken(light(0.6, drawn), seed), np.zeros((H, W), bool)
+    for x in (120, 140, 160, 180):
+        truth[130:132, x : x + 2] = True
+    image[truth] = 0
+    np.testing.assert_array_equal(dead_pixels(stored(image)), truth)
+
+
+def test_a_picture_that_was_enlarged_by_repeating_pixels_has_no_dead_columns():
+    def drawn(parts):
+        for k in range(60, 200, 20):
+            parts[:, 5 * k : 5 * k + 4] = 100
+
+    image = stored(taken(light(0.4, drawn)))
+    again = np.floor(np.arange(W * 13 // 10) / 1.3).astype(int)
+    assert dead_pixels(image[:, again]) is None

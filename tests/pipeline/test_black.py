@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose
-from windmark.pipeline.black import black_pixels
+from windmark.pipeline.black import beside_black, black_pixels
 from windmark.pipeline.clock import silent
 from windmark.pipeline.mapping import map_image
 from windmark.pipeline.project import make_project
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict.run import run_verdict
+from windmark.resection import noise_law
 from windmark.scene import Mesh, structured_triangles
 from windmark.synth.degrade import gaussian_blur
 
@@ -79,3 +80,12 @@ def test_numbers_of_other_kinds():
     assert black_pixels(image > 3, ALL) is None
     assert black_pixels(image, ~ALL) is None
     assert black_pixels(np.full((H, W), np.nan), ALL) is None
+
+
+def test_noise_is_not_that_of_a_background_at_black():
+    """A dim model in front of one: what is left of it scatters as it does."""
+    light = np.where((abs(X - 60) < 40) & (abs(Y - 45) < 35), 5.0, -15.0)
+    levels = taken(light)
+    whole = levels.astype(float)
+    whole[beside_black(levels)] = np.nan
+    assert 20 < noise_law(whole).variance(5.0) < 40

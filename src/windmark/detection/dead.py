@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from windmark.detection.dead_groups import dead_groups
-from windmark.detection.dead_lines import dead_lines
+from windmark.detection.dead_groups import RATIO, dead_groups
+from windmark.detection.dead_lines import candidates, dead_lines, repeated
 from windmark.detection.image import DEAD_RATIO, Pixels, check_image, levels_of, shifted, usable_sample
 from windmark.detection.sharpest import sharpness_px
 
@@ -17,8 +17,8 @@ Mask = NDArray[np.bool_]
 LEAST_DEAD = 0.02  # part of an image's range by which a dead pixel leaves that of its neighbours
 MOST_DEAD = 0.01  # part of a sensor's pixels: one with more has no picture
 PAIR_RATIO = 8.0  # of two neighbours, see DEAD_RATIO: a point of light of 0.5 px between them does so 6.4 times
-TILE_PX, EVERY = 32, 4
-"""Pixels across a part of a picture of which the noise is taken, of every fourth row of it."""
+TILE_PX, EVERY = 32, 8
+"""Pixels across a part of a picture of which the noise is taken; of every so many rows of it."""
 
 
 def dead_pixels(image: ArrayLike) -> Mask | None:
@@ -28,6 +28,8 @@ def dead_pixels(image: ArrayLike) -> Mask | None:
     Alone, in twos, in groups of up to `dead_groups.MOST`, and whole columns and rows, of which a constant offset is
     enough. What has the blur of the picture's own edges is not found: a hot pixel whose charge has spread.
     """
+    from windmark.detection._kernels import dead
+
     grey = check_image(image)
     sample = usable_sample(grey, None)
     if sample.size == 0:
@@ -36,27 +38,42 @@ def dead_pixels(image: ArrayLike) -> Mask | None:
     g = shifted(grey, None, 1.0, levels.offset)[0]
     # Noise that compression has taken away limits nothing.
     least = max(levels.dead, LEAST_DEAD * float(np.ptp(sample)))
-    out = _single(g, least)
-    if out is not None and min(g.shape) >= 2 * TILE_PX:
-        noise = local_noise(g, levels.step)
-        blur_px = sharpness_px(g, noise)
-        out |= dead_lines(g, blur_px, levels.step) | dead_lines(g.T, blur_px, levels.step)[:, None]
-        g[out] = np.nan
-        groups = dead_groups(g, noise, blur_px, least)
-        out |= False if groups is None else groups
-    return out if out is not None and out.any() else None
-
-
-def _single(g: Pixels, least: float) -> Mask | None:
-    """Alone or in twos; None where these are so many that it is how the picture was drawn."""
-    from windmark.detection._kernels import dead
-
-    found = dead.dead_pixels(g, least, DEAD_RATIO, PAIR_RATIO)
-    if len(found) > MOST_DEAD * g.size:
+    found = dead.dead_pixels(g, least, DEAD_RATIO, PAIR_RATIO, RATIO)
+    # Alone or in twos; so many of these are how the picture was drawn.
+    single, seeds = found[found[:, 2] == 0, :2], found[found[:, 2] != 0]
+    if len(single) > MOST_DEAD * g.size:
         return None
-    out = np.zeros(g.shape, bool)
-    out[found[:, 0], found[:, 1]] = True
+    columns, rows, groups = _together(g, levels.step, single, seeds)
+    if not (len(single) or len(columns) or len(rows) or groups is not None):
+        return None
+    out = np.zeros(g.shape, bool) if groups is None else groups
+    out[single[:, 0], single[:, 1]] = out[:, columns] = out[rows] = True
     return out
+
+
+def _together(
+    g: Pixels, step: float, single: NDArray[np.int64], seeds: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Mask | None]:
+    """Dead columns, rows and groups of a picture, in which all that is dead but these is NaN afterwards.
+
+    What needs the noise and the blur is looked at only where something may be dead: in most pictures nothing is.
+    """
+    none = np.empty(0, np.int64)
+    if min(g.shape) < 2 * TILE_PX:
+        return none, none, None
+    maybe = [candidates(turned, step) for turned in (g, g.T)]
+    alone = np.isin(seeds[:, 0] * g.shape[1] + seeds[:, 1], single[:, 0] * g.shape[1] + single[:, 1])
+    seeds = seeds[~alone]
+    if not (len(seeds) or any(len(some) for some in maybe)) or repeated(g) or repeated(g.T):
+        return none, none, None
+    ends = float(np.fmin.reduce(g, axis=None)), float(np.fmax.reduce(g, axis=None))
+    noise = local_noise(g, step)
+    blur_px = sharpness_px(g, noise)
+    columns, rows = (
+        dead_lines(turned, some, blur_px, step, ends) for turned, some in zip((g, g.T), maybe, strict=True)
+    )
+    g[single[:, 0], single[:, 1]] = g[:, columns] = g[rows] = np.nan
+    return columns, rows, dead_groups(g, seeds, noise, blur_px, step, ends)
 
 
 def local_noise(g: Pixels, step: float) -> Any:
@@ -65,10 +82,11 @@ def local_noise(g: Pixels, step: float) -> Any:
     """
     rows, columns = (max(n // TILE_PX, 1) for n in g.shape)
     height, width = g.shape[0] // rows, (g.shape[1] - 2) // columns
-    part = g[: rows * height]
-    bend = np.abs(part[:, :-2] - 2 * part[:, 1:-1] + part[:, 2:])[:, : columns * width]
-    tiles = bend.reshape(rows, height, columns, width)[:, ::EVERY].swapaxes(1, 2).reshape(rows, columns, -1)
-    sigma = np.maximum(np.median(np.nan_to_num(tiles), axis=2) / (0.6745 * np.sqrt(6.0)), 0.3 * step)
+    part = g[: rows * height].reshape(rows, height, -1)[:, ::EVERY]
+    bend = np.abs(part[..., :-2] - 2 * part[..., 1:-1] + part[..., 2:])[..., : columns * width]
+    tiles = bend.reshape(rows, -1, columns, width).swapaxes(1, 2).reshape(rows, columns, -1)
+    known = np.where(np.isnan(tiles), np.float32(0), tiles)
+    sigma = np.maximum(np.median(known, axis=2) / (0.6745 * np.sqrt(6.0)), 0.3 * step)
     where = (np.minimum(np.arange(n) // size, count - 1) for n, size, count in
              zip(g.shape, (height, width), (rows, columns), strict=True))  # fmt: skip
-    return sigma[np.ix_(*where)]
+    return sigma.astype(np.float32)[np.ix_(*where)]

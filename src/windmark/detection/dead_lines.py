@@ -19,46 +19,90 @@ SIDES = 0.5
 """Part of that by which the two sides may differ."""
 PART = 0.5
 """Of the least light beside a line that an optic has imaged: so many pixels are known that this costs nothing."""
+AT_MOST = 0.5
+"""Part of what a line is off that the columns beside may be of that, to be looked at: no blur allows more."""
 MOST = 0.02
 """Part of the columns: more are how the picture was made."""
 
 
-def dead_lines(g: Pixels, blur_px: float, step: float) -> NDArray[np.bool_]:
-    """(W,) columns of a picture g (H, W), alone or two together, that differ from their neighbours by more than noise
-    while these do not differ from the next ones, as beside a line that an optic of ``blur_px`` has imaged they do.
+def dead_lines(
+    g: Pixels, maybe: NDArray[np.int64], blur_px: float, step: float, ends: tuple[float, float]
+) -> NDArray[np.int64]:
+    """Columns of a picture g (H, W), alone or two together, that differ from their neighbours by more than noise while
+    these do not differ from the next ones, as beside a line that an optic of ``blur_px`` has imaged they do.
 
-    ``step``: between grey levels. Less than `PART` of the least light beside such a line, by three sigma. The two
-    outermost columns of each side are not looked at.
+    Less than `PART` of the least light beside such a line, by three sigma. The two outermost columns of each side are
+    not looked at.
+
+    Parameters
+    ----------
+    maybe : (K, 2) first columns of those that may be dead, and how many together, of `candidates`
+    step : between grey levels
+    ends : of the picture's levels
     """
-    rows = g[:: max(1, -(-len(g) // MOST_SAMPLED))]
     found = np.zeros(g.shape[1], bool)
-    if len(rows) < PIECES * PIECE or g.shape[1] < 8 or not np.isfinite(blur_px):
-        return found
-    pieces = rows[: len(rows) // PIECE * PIECE].reshape(-1, PIECE, g.shape[1])
-    ends = float(np.fmin.reduce(g, axis=None)), float(np.fmax.reduce(g, axis=None))
-    for wide, light in ((1, sharpest_line(blur_px)), (2, sharpest_pair(blur_px))):
-        for x in _candidates(pieces, wide, step):
-            part = pieces[:, :, x - 2 : x + wide + 2]
-            if not found[x - 1 : x + wide + 1].any() and _is_dead(part, wide, step, light, ends):
-                found[x : x + wide] = True
-    return found if found.sum() <= max(MOST * len(found), 2) else np.zeros_like(found)
+    if not len(maybe) or not np.isfinite(blur_px):
+        return np.flatnonzero(found)
+    pieces, light = _pieces(g), {1: sharpest_line(blur_px), 2: sharpest_pair(blur_px)}
+    for x, wide in maybe.tolist():
+        part = pieces[:, :, x - 2 : x + wide + 2]
+        if not found[x - 1 : x + wide + 1].any() and _is_dead(part, wide, step, light[wide], ends):
+            found[x : x + wide] = True
+    return np.flatnonzero(found) if found.sum() <= max(MOST * len(found), 2) else np.empty(0, np.int64)
 
 
-def _candidates(pieces: Pixels, wide: int, step: float) -> NDArray[np.int64]:
-    """First columns of those, ``wide`` together, that may be off, by means of which some are soon made."""
-    mean = pieces.mean(axis=1)
-    last = mean.shape[1] - 2 - wide
-    mine = sum(mean[:, 2 + k : last + k + 1] for k in range(wide)) / wide
-    excess = np.abs(mine - (mean[:, 1:last] + mean[:, 2 + wide : last + wide + 1]) / 2)
-    usual = np.maximum(np.median(excess, axis=1, keepdims=True), step / PIECE)
-    return 2 + np.flatnonzero(_run(excess > OFF * usual).any(axis=0))
+def _pieces(g: Pixels) -> Pixels:
+    """(P, `PIECE`, W) pixels of a picture's columns, one after another."""
+    rows = g[:: max(1, -(-len(g) // MOST_SAMPLED))]
+    return rows[: len(rows) // PIECE * PIECE].reshape(-1, PIECE, g.shape[1])
+
+
+def repeated(g: Pixels) -> bool:
+    """Whether pixels were repeated to enlarge a picture: columns are the same as the next ones, and no plain ones."""
+    rows = g[:: max(1, -(-len(g) // MOST_SAMPLED))]
+    plain = (rows[1:] == rows[:-1]).all(axis=0)[1:]
+    return bool(((rows[:, 1:] == rows[:, :-1]).all(axis=0) & ~plain).sum() > MOST * g.shape[1])
+
+
+def candidates(g: Pixels, step: float) -> NDArray[np.int64]:
+    """(K, 2) first columns of those that may be dead, and how many together: means of pieces, which are soon made, are
+    off those beside them, and these are not off the next ones by as much as half of that.
+    """
+    if g.shape[1] < 8 or len(pieces := _pieces(g)) < PIECES:
+        return np.empty((0, 2), np.int64)
+    mean = np.ascontiguousarray(pieces.mean(axis=1))
+    out = []
+    for wide in (1, 2):
+        last = mean.shape[1] - 2 - wide
+        left, right = mean[:, 1:last], mean[:, 2 + wide : last + wide + 1]
+        excess = sum(mean[:, 2 + k : last + k + 1] for k in range(wide)) / wide - (left + right) / 2
+        size = np.abs(excess)
+        usual = np.maximum(np.median(size, axis=1, keepdims=True), step / PIECE)
+        off = _run(size > OFF * usual)
+        x = np.flatnonzero(off.any(axis=0))
+        if len(x):
+            at = np.where(off[:, x], excess[:, x], np.nan)
+            far, near, other, away = (mean[:, x + k] for k in (0, 1, 2 + wide, 3 + wide))
+            limits = ((near - far, AT_MOST), (other - away, AT_MOST), (other - near, SIDES))
+            x = x[np.all([np.abs(_median(part / at)) < most for part, most in limits], axis=0)]
+        out.append(np.stack([2 + x, np.full(len(x), wide)], axis=1))
+    return np.concatenate(out)
+
+
+def _median(a: Pixels) -> Pixels:
+    """(W,) of the finite ones of (P, W): the middle of those in order, NaN come last."""
+    count = np.isfinite(a).sum(axis=0)
+    return np.asarray(np.sort(a, axis=0)[np.maximum(count - 1, 0) // 2, np.arange(a.shape[1])])
 
 
 def _run(off: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Those (P, ...) of `PIECES` and more one after another."""
-    out = np.zeros_like(off)
-    for first in range(len(off) - PIECES + 1):
-        out[first : first + PIECES] |= off[first : first + PIECES].all(axis=0)
+    out, last = np.zeros_like(off), len(off) - PIECES + 1
+    if last < 1:
+        return out
+    runs = np.logical_and.reduce([off[k : k + last] for k in range(PIECES)])
+    for k in range(PIECES):
+        out[k : k + last] |= runs
     return out
 
 

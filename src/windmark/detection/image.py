@@ -145,7 +145,7 @@ def grey_rows(
     top, bottom = max(first - 1, 0), min(last + 1, len(image))
     part = None if use is None else use[top:bottom]
     g, missing = shifted(image[top:bottom], part, levels.sign, levels.offset)
-    dead = dead_pixels(g, levels.dead, DEAD_RATIO, 0.0)
+    dead = dead_pixels(g, levels.dead, DEAD_RATIO, 0.0, 0.0)
     g[dead[:, 0], dead[:, 1]] = np.nan
     return g[first - top : last - top], missing or bool(len(dead))
 

@@ -60,6 +60,16 @@ def black_pixels(image: NDArray[np.generic], shown: Mask) -> Mask | None:
     return out if out.sum() >= LEAST else None
 
 
+def beside_black(image: NDArray[np.generic]) -> Mask:
+    """(H, W) pixels round which more than `PART` are at the picture's lowest level, clipped or not: what they scatter
+    is less than noise, also beside an outline where a background is all at that level.
+    """
+    from scipy.ndimage import uniform_filter
+
+    low = image == image[np.isfinite(image)].min()
+    return np.asarray(uniform_filter(low.astype(np.float32), WINDOW_PX, mode="nearest") > PART)
+
+
 def _step(image: NDArray[Any]) -> float:
     """Of whole numbers at least 1; floats may lie on none."""
     return 1.0 if image.dtype.kind in "ui" else 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import resection
-from windmark.pipeline.black import black_pixels
+from windmark.pipeline.black import beside_black
 from windmark.pipeline.points import MergedTable, PointSet, merged_points
 from windmark.pipeline.project import Project
 from windmark.pipeline.quantity import Quantity
@@ -69,7 +69,7 @@ def picture_of(item: ImageResult, light: NDArray[np.generic] | None = None) -> P
     whole, light, noise = item.quantity.of(item.image), item.light if light is None else light, None
     if light is not whole or item.apart > 1:
         if item.black is not None:  # on the model; behind it, too, noise is too small where it is clipped
-            whole = missing_at(whole, black_pixels(item.image, np.ones(item.image.shape, bool)))
+            whole = missing_at(whole, beside_black(item.image))
         # Of the levels as the camera stored them, with the noise of rounding.
         noise = resection.noise_law(whole, apart=None if item.apart == 1 else item.apart)
     return Picture(item.name, light, item.camera, item.cam_from_model, noise, cov)

@@ -12,7 +12,7 @@ from windmark.geometry._jit import nb
 
 
 @nb.njit(cache=True, nogil=True)
-def _stands_out(left: Any, right: Any, above: Any, below: Any, here: Any, limit: Any, ratio: Any, pairs: bool) -> Any:
+def stands_out(left: Any, right: Any, above: Any, below: Any, here: Any, limit: Any, ratio: Any, pairs: bool) -> Any:
     """Number of pixels that leave the range of four neighbours, of `pairs` but for one of them, by more than limit and
     ratio times it; vectorises.
 
@@ -55,18 +55,39 @@ def _excess(g: Any, y: int, x: int, besides: int) -> Any:
 
 
 @nb.njit(cache=True, nogil=True)
-def dead_pixels(g: Any, least: float, ratio: float, pair_ratio: float) -> Any:
-    """Pixels (K, 2: row, column) that leave the range of their 8 neighbours by `least` and by `ratio` times it; and
+def dead_pixels(g: Any, least: float, ratio: float, pair_ratio: float, corner_ratio: float) -> Any:
+    """Pixels (K, 3: row, column, 0) that leave the range of their 8 neighbours by `least` and by `ratio` times it; and
     those which, with one neighbour that does so, too, leave that of all others by `pair_ratio` times it (0: not asked).
 
     Nothing that an optic has imaged does that. Pixels of the border, and next to a NaN, are left alone.
+
+    With `corner_ratio` above 0 also corners of what may be a group, with -1 or 1 in place of 0: pixels that leave the
+    range of the two next ones above and the two to the left, or of those below and to the right, by `least` and by
+    that many times it, and by half at least of what the next ones on the other side do.
     """
     rows, n = g.shape
-    out, count, pairs = np.empty((64, 2), np.int64), 0, pair_ratio > 0.0
-    limit, share = np.float32(0.999 * least), np.float32(0.999 * ratio)
+    out, count, pairs = np.empty((64, 3), np.int64), 0, pair_ratio > 0.0
+    limit, share, corner_share = np.float32(0.999 * least), np.float32(0.999 * ratio), np.float32(corner_ratio)
     for y in range(1, rows - 1):
+        for part in range(2 * ((n + 255) // 256) if corner_ratio > 0.0 and 2 < y < rows - 3 else 0):
+            side = 2 * (part % 2) - 1
+            first, last = max(part // 2 * 256, 2), min(part // 2 * 256 + 256, n - 2)
+            here, one, two = g[y, first:last], g[y + side, first:last], g[y + 2 * side, first:last]
+            next_one, next_two = g[y, first + side : last + side], g[y, first + 2 * side : last + 2 * side]
+            if last <= first or stands_out(next_one, next_two, one, two, here, limit, corner_share, False) == 0:
+                continue
+            for x in range(first, last):
+                v, a, b, c, d = g[y, x], g[y, x + side], g[y, x + 2 * side], g[y + side, x], g[y + 2 * side, x]
+                low, high = min(a, b, c, d), max(a, b, c, d)
+                excess, before, sign = max(v - high, low - v), 0.5 * (a + c), 1 if v > high else -1
+                inner = max(sign * (g[y, x - side] - before), sign * (g[y - side, x] - before))
+                if excess > max(limit, corner_share * (high - low)) and inner < 2.0 * sign * (v - before):
+                    if count == out.shape[0]:
+                        out = grown(out)
+                    out[count, 0], out[count, 1], out[count, 2] = y, x, side
+                    count += 1
         above, here, below = g[y - 1, 1 : n - 1], g[y], g[y + 1, 1 : n - 1]
-        if _stands_out(here[: n - 2], here[2:], above, below, here[1 : n - 1], limit, share, pairs) == 0:
+        if stands_out(here[: n - 2], here[2:], above, below, here[1 : n - 1], limit, share, pairs) == 0:
             continue
         for x in range(1, n - 1):
             a, b = here[x] - here[x - 1], here[x] - here[x + 1]
@@ -85,6 +106,6 @@ def dead_pixels(g: Any, least: float, ratio: float, pair_ratio: float) -> Any:
             if dead:
                 if count == out.shape[0]:
                     out = grown(out)
-                out[count, 0], out[count, 1] = y, x
+                out[count, 0], out[count, 1], out[count, 2] = y, x, 0
                 count += 1
     return out[:count]
