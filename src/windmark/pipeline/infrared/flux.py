@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,8 +110,10 @@ def _block(
             once={m: have[m][own][:, seen] for m in NEW}, tried=tried,
             behind=behind_gaps(~np.isfinite(have[VALUE][own]), before, longest)[:, seen],
         )  # fmt: skip
-        results = {VALUE: done.flux, WHITE: done.white, "flags": done.flags, **done.modes,
-                   WALL: wall.relative_sigma * np.nan_to_num(done.flux)}  # fmt: skip
+        results: dict[str, NDArray[Any]] = {
+            VALUE: done.flux, WHITE: done.white, "flags": done.flags, **done.modes,
+            WALL: wall.relative_sigma * np.nan_to_num(done.flux),
+        }  # fmt: skip
         for name, columns in results.items():
             out[:, rows.index(name)][at] = columns.T
     return out
