@@ -55,9 +55,9 @@ def lateral_conduction(mesh: Mesh, rise: ArrayLike, wall: Wall, time: float) -> 
 
     Returns
     -------
-    (V,) -k laplacian(T) 2 sqrt(diffusivity t / pi): the Laplacian on the surface, through the depth to which a step of
-    the surface temperature has gone. Where it is no small part of the flux, one-dimensional conduction does not hold.
-    Of layers, the first one counts.
+    (V,) the Laplacian on the surface times the conductance of all layers, each to the depth to which a step of the
+    surface temperature has gone (`Wall.conductance_along`): -k laplacian(T) 2 sqrt(diffusivity t / pi) of a
+    semi-infinite wall. Where it is no small part of the flux, one-dimensional conduction does not hold.
     """
     t = np.asarray(rise, dtype=float)
     if t.shape != (len(mesh.vertices),):
@@ -68,7 +68,5 @@ def lateral_conduction(mesh: Mesh, rise: ArrayLike, wall: Wall, time: float) -> 
 
 
 def lateral_conductance(wall: Wall, time: float) -> float:
-    """Conductivity (W / K) of the depth that heat has gone to after a time, in the first layer."""
-    layer = wall.layers[0]
-    depth = min(2 * np.sqrt(layer.diffusivity * time / np.pi), layer.thickness)
-    return float(layer.conductivity * depth)
+    """Conductance along the surface (W / K) of all that heat has gone to after a time, see `Wall.conductance_along`."""
+    return float(wall.conductance_along([time])[0])

@@ -152,6 +152,39 @@ class Wall:
             depth += length
         return np.asarray(out)
 
+    def conductance_along(self, time: ArrayLike) -> Array:
+        """Conductance along the surface (N,), W / K, at times (N,) after the surface was warmed by 1 K and kept so.
+
+        The integral of conductivity times temperature over the depth: of a semi-infinite wall conductivity times
+        2 sqrt(diffusivity t / pi); in the end each layer's conductivity times thickness for an adiabatic back. Metal
+        under an insulator has its part as it gets warm, which is long after heat has gone through the insulator.
+        """
+        t = np.asarray(time, dtype=float)
+        out = np.zeros(t.shape)
+        out[t > 0] = _in_time(lambda s: self._along(s) / s, t[t > 0])
+        return out
+
+    def _along(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """The integral of `conductance_along` in the Laplace domain, for a surface temperature of 1.
+
+        As k T'' = s c T it is, of a layer, its diffusivity / s times the flux into it less that out of it.
+        """
+        root = np.sqrt(s)
+        out, top = np.zeros(np.shape(s), complex), np.ones(np.shape(s), complex)
+        for k, layer in enumerate(self.layers):
+            entering = top * Wall(self.layers[k:], self.back).admittance(s)
+            leaving = np.zeros_like(top)
+            if k < len(self.layers) - 1 or self.back == "isothermal":
+                own, e = layer.effusivity * root, np.exp(-layer.thickness * root / np.sqrt(layer.diffusivity))
+                if k == len(self.layers) - 1:
+                    leaving = top * own * 2 * e / (1 - e**2)
+                else:
+                    below = Wall(self.layers[k + 1 :], self.back).admittance(s)
+                    top = top * 2 * e * own / (own * (1 + e**2) + below * (1 - e**2))
+                    leaving = top * below
+            out = out + layer.diffusivity / s * (entering - leaving)
+        return np.asarray(out)
+
     def ramp_response(self, time: ArrayLike) -> Array:
         """Flux (N,) at times (N,) > 0 after the surface began to warm by 1 K per second, W / m^2."""
         t = np.asarray(time, dtype=float)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,21 @@ from windmark.io.atomic import atomic_path
 from windmark.paint import FluxOperator, NodeField, before_start, flux_operator, lateral_conductance, node_laplacian
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.store import MODES, VALUE, WEIGHT, WHITE, Store
-from windmark.tasks.infrared import LATERAL, NO_WALL, CameraTemperature, history_flux, merged_temperature
+from windmark.tasks.infrared import (
+    CURVED,
+    FLAGS,
+    LATE,
+    LATERAL,
+    NO_WALL,
+    CameraTemperature,
+    behind_gaps,
+    history_flux,
+    merged_temperature,
+)
 from windmark.tasks.infrared.histories import TESTED, TIME_STEP
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Flags = NDArray[np.uint16]
 
 BLOCK = 4096
@@ -23,6 +35,8 @@ BLOCK = 4096
 NEW = ("registration:1", "registration:2", "registration:3")
 """Causes that are new in every frame."""
 WALL = "wall"
+MOST = 0.5
+"""Part of the nodes that could have a heat flux from which a frame without it is told."""
 
 
 def make_fluxes(run: InfraredRun, store: Store, indices: Sequence[int]) -> tuple[int, ...]:
@@ -37,15 +51,16 @@ def make_fluxes(run: InfraredRun, store: Store, indices: Sequence[int]) -> tuple
     before = before_start(times, heat.start_s)
     if not before.any() or before.all():
         return ()
-    operators = [flux_operator(times, wall, heat.start_s) for wall in run.walls]
     for camera in store.cameras:
         rows = flux_rows(store, camera)
+        own = _own_frames(run, store, camera, indices, before)
+        operators = [flux_operator(times[own], wall, heat.start_s) for wall in run.walls]
         shape = (len(indices), len(rows), len(run.mesh.vertices))
         with atomic_path(store.flux_file(camera)) as new:
             out = np.lib.format.open_memmap(new, mode="w+", dtype=np.float32, shape=shape)
             for first in range(0, shape[2], BLOCK):
                 nodes = slice(first, min(first + BLOCK, shape[2]))
-                out[:, :, nodes] = _block(run, store, camera, indices, operators, nodes, rows)
+                out[:, :, nodes] = _block(run, store, camera, indices, operators, nodes, rows, own, before)
             out.flush()
             del out
     return tuple(indices)
@@ -58,37 +73,49 @@ def flux_rows(store: Store, camera: str) -> tuple[str, ...]:
             TIME_STEP, WALL)  # fmt: skip
 
 
+def _own_frames(run: InfraredRun, store: Store, camera: str, indices: Sequence[int], before: Mask) -> Mask:
+    """(F,) frames in which a camera has a temperature: of the others no node's history can be whole.
+
+    All of them where it has none before the heating or none after: its nodes then have no flux, and are told why.
+    """
+    seen = [store.values(index, camera, len(run.mesh.vertices)) for index in indices]
+    own = np.array([v is not None and bool(np.isfinite(v).any()) for v in seen])
+    return own if (own & before).any() and (own & ~before).any() else np.ones(len(indices), bool)
+
+
 def _block(
     run: InfraredRun, store: Store, camera: str, indices: Sequence[int], operators: Sequence[FluxOperator],
-    nodes: slice, rows: tuple[str, ...],
+    nodes: slice, rows: tuple[str, ...], seen: Mask, before: Mask,
 ) -> Array:  # fmt: skip
-    """(F, R, H) of a block of nodes."""
+    """(F, R, H) of a block of nodes; ``operators`` are of the frames (F,) that the camera has ``seen``."""
     assert run.project.heat is not None
     have = store.histories(camera, indices, nodes)
     out = np.zeros((len(indices), len(rows), nodes.stop - nodes.start), np.float32)
     out[:, rows.index(VALUE)] = np.nan
     out[:, rows.index(WEIGHT)] = have[WEIGHT].T
-    wall_of = run.wall_of[nodes]
+    wall_of, longest = run.wall_of[nodes], run.project.heat.longest_gap
     out[:, rows.index("flags")] = np.where(wall_of < 0, NO_WALL, 0)[None]
     lasting = [r for r in rows if r in have and r not in (VALUE, WHITE, WEIGHT, "flags")]
     for k, (operator, wall) in enumerate(zip(operators, run.walls, strict=True)):
         own = np.flatnonzero(wall_of == k)
         if not len(own):
             continue
-        temperature = have[VALUE][own]
+        at = np.ix_(seen, own)
+        temperature = have[VALUE][own][:, seen]
         whole = temperature[np.isfinite(temperature).all(axis=1)]
         tried = whole[np.linspace(0, len(whole) - 1, min(TESTED, len(whole))).astype(int)] if len(whole) else None
         done = history_flux(
-            temperature, have[WHITE][own], {m: have[m][own] for m in lasting}, operator, wall,
-            curvature=run.curvature[nodes][own], longest_gap=run.project.heat.longest_gap,
-            once={m: have[m][own] for m in NEW}, tried=tried,
+            temperature, have[WHITE][own][:, seen], {m: have[m][own][:, seen] for m in lasting}, operator, wall,
+            curvature=run.curvature[nodes][own], longest_gap=longest,
+            once={m: have[m][own][:, seen] for m in NEW}, tried=tried,
+            behind=behind_gaps(~np.isfinite(have[VALUE][own]), before, longest)[:, seen],
         )  # fmt: skip
-        out[:, rows.index(VALUE), own] = done.flux.T
-        out[:, rows.index(WHITE), own] = done.white.T
-        out[:, rows.index("flags"), own] = done.flags.T
-        for name, columns in done.modes.items():
-            out[:, rows.index(name), own] = columns.T
-        out[:, rows.index(WALL), own] = wall.relative_sigma * np.nan_to_num(done.flux.T)
+        results: dict[str, NDArray[Any]] = {
+            VALUE: done.flux, WHITE: done.white, "flags": done.flags, **done.modes,
+            WALL: wall.relative_sigma * np.nan_to_num(done.flux),
+        }  # fmt: skip
+        for name, columns in results.items():
+            out[:, rows.index(name)][at] = columns.T
     return out
 
 
@@ -101,12 +128,14 @@ class FrameFields:
     temperature, flux : kelvin, W / m2; ``flux`` None without walls
     flags : (V,) bits of `tasks.infrared.FLAGS`
     source : (V,) int8, which camera counts most for the temperature
+    no_flux : why most nodes that have a heat flux in other frames, and a temperature in this one, have none in it
     """
 
     temperature: NodeField
     flux: NodeField | None
     flags: Flags
     source: NDArray[np.int8]
+    no_flux: str = ""
 
 
 class FieldMaker:
@@ -122,7 +151,17 @@ class FieldMaker:
             self._along = node_laplacian(scaled)
             self._square = self._along.multiply(self._along)
             before = before_start(run.times[list(frames)], heat.start_s)
-            self._initial = self._mean([i for i, b in zip(frames, before, strict=True) if b])
+            self._before = [i for i, b in zip(frames, before, strict=True) if b]
+            self._initial = self._mean(self._before)
+            self._ever = self._with_flux()
+
+    def _with_flux(self) -> Mask:
+        """(V,) nodes that have a heat flux in any frame; where there are none, those that could have one."""
+        ever = np.zeros(len(self._run.mesh.vertices), bool)
+        for of in self._files.values():
+            for frame in of:
+                ever |= np.isfinite(frame[0])
+        return ever if ever.any() else np.asarray(self._run.wall_of >= 0)
 
     def _mean(self, indices: Sequence[int]) -> tuple[Array, Array]:
         """(V,) mean of merged temperatures over frames, and its variance by noise."""
@@ -149,11 +188,23 @@ class FieldMaker:
         if done is None:
             count = len(merged.field)
             nothing = NodeField(np.full(count, np.nan), np.zeros(count), np.zeros((count, 0)), (), "W/m2")
-            return FrameFields(merged.field, nothing, flags | why, merged.source)
+            said = self._missing(index, merged.field, nothing, flags | why)
+            return FrameFields(merged.field, nothing, flags | why, merged.source, said)
         flux = replace(done.field, unit="W/m2")
         kept = np.bitwise_and.reduce([np.where(c.field.known, c.flags, 0xFFFF).astype(np.uint16) for c in own.values()])
         flags = flags | np.where(flux.known, kept, why).astype(np.uint16)
-        return FrameFields(merged.field, flux, self._sideways(index, merged.field, flux, flags), merged.source)
+        said = self._missing(index, merged.field, flux, flags)
+        return FrameFields(merged.field, flux, self._sideways(index, merged.field, flux, flags), merged.source, said)
+
+    def _missing(self, index: int, temperature: NodeField, flux: NodeField, flags: Flags) -> str:
+        """See `FrameFields.no_flux`: what is said of most of these nodes, in words."""
+        wanted = self._ever & temperature.known
+        missing = wanted & ~flux.known
+        if index in self._before or missing.sum() <= MOST * wanted.sum():
+            return ""
+        count = {bit: int((flags[missing] & bit > 0).sum()) for bit in FLAGS if bit not in (LATE, LATERAL, CURVED)}
+        bit = max(count, key=lambda b: count[b])
+        return FLAGS[bit] if count[bit] else "it is not known why"
 
     def _of_camera(self, camera: str, place: int) -> CameraTemperature:
         """A camera's heat flux of a frame, with its weight."""

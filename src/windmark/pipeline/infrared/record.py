@@ -33,6 +33,7 @@ class FrameRecord:
     followed : what was said of the model's markers
     seconds : of the frame's temperatures
     repeated : cameras whose picture repeats the one before, and does not count
+    no_flux : why most nodes that have a heat flux in other frames, and a temperature in this one, have none in it
     beyond : camera that lost most of its nodes to the ends of its calibration -> that range, in words
     """
 
@@ -56,4 +57,5 @@ class FrameRecord:
     followed: Followed = NOTHING
     seconds: float = 0.0
     repeated: tuple[str, ...] = ()
+    no_flux: str = ""
     beyond: Mapping[str, str] = field(default_factory=dict)

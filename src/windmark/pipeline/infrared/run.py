@@ -184,6 +184,9 @@ def _finished(run: InfraredRun, store: Store, folder: Path, records: list[FrameR
 
 
 def _with_flux(record: FrameRecord, fields: FrameFields) -> FrameRecord:
+    if fields.no_flux:
+        said = f"most of the nodes that have a heat flux in other frames have none: {fields.no_flux}"
+        record = replace(record, no_flux=fields.no_flux, remarks=(*record.remarks, said))
     q = fields.flux
     if q is None or not q.known.any():
         return record

@@ -130,6 +130,13 @@ def _flux(good: Sequence[FrameRecord]) -> list[Finding]:
         words = f"heat fluxes are known to {g2(sigma)} W/m² (median, 1 sigma), which is more than they are"
         step = "take more frames a second, or a longer run; the report says what leaves them open"
         out.append(Finding(DOUBTFUL, "weak", words, step))
+    without = [r for r in good if r.no_flux]
+    if len(without) > rules.LOST * len(good):
+        why = "; ".join(dict.fromkeys(r.no_flux for r in without))
+        words = (f"{len(without)} of {len(good)} frames with temperatures have no heat flux on most nodes "
+                 f"({listed('frame', [r.key for r in without])}): {why}")  # fmt: skip
+        step = "see which pictures are missing before the first of them, and heat.longest_gap; or end the run there"
+        out.append(Finding(DOUBTFUL, "lost", words, step))
     if (flagged := middle([r.flagged for r in good])) > rules.SOME:
         words = f"{100 * flagged:.0f} % of the heat fluxes are flagged (late, lateral, curved)"
         step = "a shorter test, the wall's true layers; or the frames' times in seconds, where they are not"

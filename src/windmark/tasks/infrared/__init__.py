@@ -17,7 +17,7 @@ from windmark.tasks.infrared.flags import (
     UNSEEN,
     flag_words,
 )
-from windmark.tasks.infrared.histories import HistoryFlux, history_flux
+from windmark.tasks.infrared.histories import HistoryFlux, behind_gaps, history_flux
 from windmark.tasks.infrared.temperatures import (
     CameraTemperature,
     SurfaceLight,
@@ -27,6 +27,6 @@ from windmark.tasks.infrared.temperatures import (
 
 __all__ = [
     "BEFORE", "BEYOND", "BRIDGED", "CURVED", "FLAGS", "GAP", "LATE", "LATERAL", "MARKER", "NO_EMISSIVITY", "NO_START",
-    "NO_WALL", "SATURATED", "UNSEEN", "CameraTemperature", "HistoryFlux", "SurfaceLight", "flag_words",
-    "frame_temperatures", "history_flux", "merged_temperature",
+    "NO_WALL", "SATURATED", "UNSEEN", "CameraTemperature", "HistoryFlux", "SurfaceLight", "behind_gaps",
+    "flag_words", "frame_temperatures", "history_flux", "merged_temperature",
 ]  # fmt: skip

@@ -54,6 +54,7 @@ def history_flux(
     longest_gap: int,
     once: Mapping[str, Array] | None = None,
     tried: Array | None = None,
+    behind: Mask | None = None,
 ) -> HistoryFlux:
     """Heat flux of histories.
 
@@ -68,6 +69,7 @@ def history_flux(
     once : name -> (H, F) causes that are new in every frame (registration): of each the frame's own and the one
         before are modes, ``NAME now`` and ``NAME before``, the rest counts as noise
     tried : (K, F) whole histories of this wall on which gaps are tried; None: there are none, and no gap is bridged
+    behind : (H, F) samples behind a gap that is too long for another reason (`behind_gaps` in more frames than these)
 
     Notes
     -----
@@ -80,7 +82,8 @@ def history_flux(
     flags = np.zeros(temperature.shape, np.uint16)
     flags[:, operator.before] |= BEFORE
     flags[missing[:, operator.before].all(axis=1)] |= NO_START
-    cut = _behind_gaps(missing, operator.before, longest_gap if tried is not None and len(tried) else 0)
+    cut = behind_gaps(missing, operator.before, longest_gap if tried is not None and len(tried) else 0)
+    cut = cut if behind is None else cut | behind
     flags[cut & ~missing] |= GAP
     missing = missing | cut
     once = once or {}
@@ -105,7 +108,7 @@ def history_flux(
     return out
 
 
-def _behind_gaps(missing: Mask, before: Mask, longest: int) -> Mask:
+def behind_gaps(missing: Mask, before: Mask, longest: int) -> Mask:
     """(H, F) samples behind more than ``longest`` missing ones in a row, from the first sample with heating on."""
     run = np.zeros(len(missing), int)
     ended = np.zeros(len(missing), bool)
