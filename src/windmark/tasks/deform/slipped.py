@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.special import chdtri
 
 from windmark.deformation import Deformation
 from windmark.deformation.attached import LIKELIER
@@ -25,8 +26,7 @@ from windmark.deformation.slides import Slide, slides_of
 from windmark.errors import g3
 from windmark.scene import Doubt
 from windmark.tasks.deform.memory import displaced
-from windmark.tasks.deform.sights import OWN_PX
-from windmark.tasks.deform.spots import Labelled, near
+from windmark.tasks.deform.spots import OWN_PX, Labelled, near
 from windmark.tasks.deform.task import DeformationTest, Image
 
 Array = NDArray[np.float64]
@@ -62,14 +62,19 @@ class Rival:
         """That the state that was found may be slipped."""
         return self._doubt("may be slipped by", self._values(self.state, found))
 
-    def as_good(self, other: Deformation, found: Deformation) -> bool:
+    def as_good(self, other: Deformation, found: Deformation, apart: int) -> bool:
         """Whether the adjusted state, ``other``, is to be thought of beside the one that was found.
 
         Rows are never quite regular: where the places of their markers are known well enough, these tell by themselves.
+        By the spots that both have the difference of the sums of squares is a ratio of likelihoods, up to `LIKELIER`:
+        so large is chi-square of 2 in one of 100. The number of spots ``apart``, which only one of both has, adds to
+        it: chi-square of some minus chi-square of the others is as uncertain as chi-square of all of them.
         """
         more = int(other.used.sum()) + self.of_marks - int(found.used.sum())
         worse = (other.chi2 - found.chi2) / max(np.nan_to_num(found.sigma0, nan=1.0), 1.0) ** 2
-        return more > 0 if self.more and not self.of_marks else more >= min(self.more, 1) and worse < LIKELIER
+        terms = 2 * apart
+        most = chdtri(2 + terms, np.exp(-LIKELIER / 2)) - terms + other.redundancy - found.redundancy
+        return more > 0 if self.more and not self.of_marks else bool(more >= min(self.more, 1) and worse < most)
 
     def farther(self, expected: Deformation, reach_px: Mapping[str, float], test: DeformationTest) -> bool:
         """Whether the part is so far from where it was expected, in all of some cameras."""

@@ -26,6 +26,8 @@ Ints = NDArray[np.int64]
 
 LEAST_PX, MOST_PX = 1.0, 12.0
 """Markers are looked for at least and at most so far from where they are expected."""
+OWN_PX = 1.0
+"""A spot of the whole image so near to one with a marker is the same; so near to a marker's place it was looked at."""
 APART = 0.45
 """... and never farther than this part of the distance to the nearest other marker in the image."""
 CLEARLY = 0.5
@@ -78,6 +80,21 @@ class Labelled:
         return Labelled(
             np.zeros(0, np.int64), empty, np.zeros((0, 2, 2)), empty, np.zeros(0), np.zeros((0, 3)), reason=reason
         )
+
+    def measured_as(self, other: Labelled) -> Labelled:
+        """The same labels with what others of the same image measured of the spots that both have, by their places."""
+        if not (len(self.marker) and len(other.marker)) or (self.between_cov is None) != (other.between_cov is None):
+            return self
+        away, where = cKDTree(other.xy).query(self.xy)
+        own = (away < OWN_PX) & (np.bincount(where, minlength=len(other.marker))[where] == 1)
+
+        def taken(name: str) -> Any:
+            mine = getattr(self, name)
+            return None if mine is None else np.where(own.reshape(-1, *[1] * (mine.ndim - 1)),
+                                                      getattr(other, name)[where], mine)  # fmt: skip
+
+        names = ("xy", "cov", "axes_px", "angle", "between_cov")
+        return replace(self, known=other.known, **{name: taken(name) for name in names})
 
 
 def near(
