@@ -348,8 +348,8 @@ class _Follower:
     ) -> Any:  # fmt: skip
         """State, spots and observations near the markers' places in a state; or why not, as text.
 
-        Those that are ``seen`` stay where most of them are not there. ``alike``: spots that are the same, with whatever labels, are where they
-        were seen to be, and the texture is that of before, so that sums of squares can be compared.
+        Those that are ``seen`` stay where most of them are not there. ``alike``: spots that are the same, with
+        whatever labels, are measured as they were, and the texture is that of before: sums of squares compare.
         """
         error = dict.fromkeys(seen, reach_px / SIGMAS)
         again = self._looking.near(
