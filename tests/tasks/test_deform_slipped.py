@@ -173,3 +173,15 @@ def test_what_explains_more_spots_and_is_not_taken_is_doubted_with_both_values(m
     (doubt,) = followed(image(0.0), image(23.0))[-1].state.doubts
     assert doubt.cause == "layout"
     assert "panel may be slipped by one spacing of 25 mm: with panel.s = 23 in place of -2" in str(doubt)
+
+
+def test_marks_beyond_both_ends_are_looked_for_once_in_a_frame_in_which_none_lacks(monkeypatch):
+    """Those of each slide by itself took six times as long as the frame."""
+    more, looks = np.vstack([PANEL, BEYOND, PANEL[END] - PITCH]), []
+    was = Slips._near
+    monkeypatch.setattr(Slips, "_near", lambda *given: looks.append(len(given[4])) or was(*given))
+    followed(image(0.0, more), test=test_of(wind_off=("0",)))
+    first, looks[:] = len(looks), []
+    frames = followed(*(image(s, more) for s in (0.0, 1.0, 2.0, 1.0)), test=test_of(wind_off=("0",)))
+    assert looks[first:] == [4, 4, 4]
+    assert all(f.state.doubts == () for f in frames)

@@ -18,6 +18,7 @@ from windmark.detection.template.result import BORDER, CONTAMINATED, ILL
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.levels import saturation_level
 from windmark.tasks.deform.task import DeformationTest, Image, Station
 from windmark.tasks.predictions import Known, Predictions, from_camera, look_again
 
@@ -55,6 +56,7 @@ class Labelled:
     off_px : how far the spots were from where they were expected, root mean square per coordinate; inf if unknown
     between_cov : (n, 2, 2) what interpolating between pictures adds to ``cov``; None for spots of one picture
     not_found : what was at the other expected places -> how many
+    saturation : grey level from which on the image says nothing; None where that was not asked
     """
 
     marker: Ints
@@ -72,6 +74,7 @@ class Labelled:
     eccentricity_px: Array | None = None
     between_cov: Array | None = None
     not_found: Mapping[str, int] = field(default_factory=dict)
+    saturation: float | None = None
 
     @staticmethod
     def none(reason: str) -> Labelled:
@@ -99,7 +102,8 @@ class Labelled:
 
 def near(
     image: Image, test: DeformationTest, station: Station, camera: Camera, pose: Pose, placed: MarkerSet,
-    error_px: float, before: Labelled | None, hidden: NDArray[np.bool_] | None,
+    error_px: float, before: Labelled | None, hidden: NDArray[np.bool_] | None, like: Ints | None = None,
+    saturation: float | None = None,
 ) -> Labelled:  # fmt: skip
     """Markers near where they are expected.
 
@@ -111,6 +115,8 @@ def near(
     error_px : root mean square error of such expectations lately
     before : the frame before
     hidden : (N,) markers that something hides from this camera; None if unknown
+    like : (N,) to which of the markers of the frame before each looks alike; None where they are these
+    saturation : of the image, where it was looked at before
     """
     radius = None if before is None or not np.isfinite(before.radius_px) else before.radius_px
     known = np.arange(len(placed)) if hidden is None else np.flatnonzero(~hidden)
@@ -121,13 +127,16 @@ def near(
     expected = expected.take(np.argsort(expected.axes_px[:, 0], kind="stable"))  # windows of one size in a row
     which = known[expected.row]
     by_table = np.column_stack([expected.axes_px, expected.angle])
-    expected = _as_seen(expected, which, before)
+    looks = which if like is None else like[which]
+    expected = _as_seen(expected, looks, before)
     apart = nearest(expected.xy)
     reach = max(LEAST_PX, min(SIGMAS * error_px, MOST_PX, max(APART * apart, LEAST_PX)))
     told = None if before is None else before.known
+    saturation = saturation_level(image) if saturation is None else saturation
+    count = len(placed) if like is None else int(like.max()) + 1 if told is None else len(told.colour)
     found, told = look_again(
-        image, expected, which, len(placed), told, search_px=reach, polarity=test.look.polarity,
-        photometry=test.look.photometry, mask=station.mask, reshape=told is None,
+        image, expected, looks, count, told, search_px=reach, polarity=test.look.polarity,
+        photometry=test.look.photometry, mask=station.mask, reshape=told is None, saturation=saturation,
     )  # fmt: skip
     # The centre of a disc that the border cuts hangs on what is assumed beyond it, that of an ill-conditioned fit on
     # nothing: neither takes part, and a cut one was not to be expected (as in `register`).
@@ -142,7 +151,7 @@ def near(
         which[good], found.xy[good], found.cov[good] * doubt[:, None, None], found.axes_px[good], found.angle[good],
         by_table[good], len(expected) - int(cut.sum()), told, size, why, off_px=off,
         eccentricity_px=None if expected.eccentricity_px is None else expected.eccentricity_px[good],
-        not_found=_not_found(found, cut),
+        not_found=_not_found(found, cut), saturation=saturation,
     )  # fmt: skip
 
 
