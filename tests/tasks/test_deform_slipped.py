@@ -1,6 +1,7 @@
 """A part with rows of markers and a law of its own that moves by a spacing: its ends tell, and only where they do."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from windmark.geometry import Camera, Pose
 from windmark.pipeline.deform import DeformationTest, FrameImages, Station, follow_deformation
 from windmark.scene import MarkerSet
 from windmark.synth import disc_image
-from windmark.tasks.deform.slipped import Slips, _Seen
+from windmark.tasks.deform.slipped import Rival, Slips, _Seen
 from windmark.tasks.deform.task import LookOptions
 
 CAMERA, AWAY = Camera((400, 300), 800.0), Pose(np.eye(3), np.array([0.0, 0.0, 800.0]))
@@ -141,3 +142,46 @@ def test_a_marker_that_is_lost_elsewhere_is_no_question(monkeypatch):
     assert values(frames) == pytest.approx([0.0, 2.0, 4.0], abs=0.05)
     assert len(frames[-1].observations) == len(BODY) + len(PANEL) - 1
     assert len(asked) == 6  # ways on, at the first frame only
+
+
+@pytest.mark.parametrize("jump", [48.0, 23.0])
+def test_a_jump_of_about_two_spacings_between_marks_beyond_both_ends_is_right_in_each_frame_or_doubted(jump):
+    """Other spots' sums of squares, and another texture's, told against the right place: 50 mm off, nothing said."""
+    more = np.vstack([PANEL, BEYOND, PANEL[END] - PITCH])
+    true = [0.0, 1.0, 2.0, 2.0 + jump, 3.0 + jump]
+    frames = followed(*(image(s, more) for s in true), test=test_of(wind_off=("0",)))
+    assert values(frames) == pytest.approx(true, abs=0.05)
+    assert [[d.cause for d in f.state.doubts] for f in frames[:4]] == [[], [], [], ["layout"]]
+
+
+def test_sums_of_squares_of_spots_that_only_one_state_has_reject_the_right_one_in_one_of_a_hundred():
+    rng = np.random.default_rng(4)
+    rival, state = Rival(None, None, 4, 4, True), SimpleNamespace(used=np.ones(20), sigma0=1.0)
+    good = []
+    for few, many in rng.integers(0, 12, (4000, 2)):
+        found, other = (replaced(state, 2 * n, rng.chisquare(2 * n) if n else 0.0) for n in (few, many))
+        good.append(rival.as_good(other, found, few + many))
+    assert 0.985 < np.mean(good) < 0.999
+
+
+def replaced(state, redundancy, chi2):
+    return SimpleNamespace(**vars(state), redundancy=int(redundancy), chi2=chi2)
+
+
+def test_what_explains_more_spots_and_is_not_taken_is_doubted_with_both_values(monkeypatch):
+    monkeypatch.setattr(Rival, "as_good", lambda *_: False)
+    (doubt,) = followed(image(0.0), image(23.0))[-1].state.doubts
+    assert doubt.cause == "layout"
+    assert "panel may be slipped by one spacing of 25 mm: with panel.s = 23 in place of -2" in str(doubt)
+
+
+def test_marks_beyond_both_ends_are_looked_for_once_in_a_frame_in_which_none_lacks(monkeypatch):
+    """Those of each slide by itself took six times as long as the frame."""
+    more, looks = np.vstack([PANEL, BEYOND, PANEL[END] - PITCH]), []
+    was = Slips._near
+    monkeypatch.setattr(Slips, "_near", lambda *given: looks.append(len(given[4])) or was(*given))
+    followed(image(0.0, more), test=test_of(wind_off=("0",)))
+    first, looks[:] = len(looks), []
+    frames = followed(*(image(s, more) for s in (0.0, 1.0, 2.0, 1.0)), test=test_of(wind_off=("0",)))
+    assert looks[first:] == [4, 4, 4]
+    assert all(f.state.doubts == () for f in frames)

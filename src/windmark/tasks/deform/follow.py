@@ -342,10 +342,14 @@ class _Follower:
         # The markers that the labels left out, and cameras that have none, from what is known now.
         return self._there(images, answer, seen, max(LEAST_PX, 2 * answer.rms_px))
 
-    def _there(self, images: dict[str, Image], answer: Deformation, seen: dict[str, Labelled], reach_px: float) -> Any:
+    def _there(
+        self, images: dict[str, Image], answer: Deformation, seen: dict[str, Labelled], reach_px: float,
+        *, alike: bool = False,
+    ) -> Any:  # fmt: skip
         """State, spots and observations near the markers' places in a state; or why not, as text.
 
-        Those that are ``seen`` stay where most of them are not there.
+        Those that are ``seen`` stay where most of them are not there. ``alike``: spots that are the same, with
+        whatever labels, are measured as they were, and the texture is that of before: sums of squares compare.
         """
         error = dict.fromkeys(seen, reach_px / SIGMAS)
         again = self._looking.near(
@@ -353,7 +357,9 @@ class _Follower:
         )
         if sum(len(s.marker) for s in again.values()) < FEWER * sum(len(s.marker) for s in seen.values()):
             again = seen
-        if self._test.marker_cov is None:
+        if alike:
+            again = {n: s.measured_as(seen[n]) if n in seen else s for n, s in again.items()}
+        elif self._test.marker_cov is None:
             self._texture = texture_of(again, answer, self._test)
         settled, observations = self._identify(again, answer)
         if isinstance(settled, NotIdentified):
@@ -369,13 +375,18 @@ class _Follower:
             # In wind-off frames all is relative to these, and nothing is slipped.
             if not rival.more and (frame.key in self._test.wind_off or (not cold and self._too_far(rival, frame))):
                 continue
-            before = self._solved, self._texture
-            other = self._there(self._believed(images), rival.state, labelled, LEAST_PX)
-            as_good = not isinstance(other, str) and rival.as_good(other[0], state)
+            before = self._solved
+            other = self._there(self._believed(images), rival.state, labelled, LEAST_PX, alike=True)
+            as_good = False
+            if not isinstance(other, str):
+                # The same spots are at the same place to the last bit.
+                used = [set(map(tuple, o.xy[s.used].tolist())) for s, o in ((state, rest[0]), (other[0], other[2]))]
+                as_good = rival.as_good(other[0], state, len(used[0] ^ used[1]))
             if as_good and rival.sure:
                 return (rival.taken(other[0], state), *other[1:])
-            self._solved, self._texture = before
-            if as_good:
+            self._solved = before
+            # What explains more spots and is not taken may be right all the same.
+            if as_good or rival.more:
                 doubt = rival.doubt(state)
                 names = tuple(dict.fromkeys((*state.suspect, *doubt.names)))
                 return replace(state, doubts=(*state.doubts, doubt), suspect=names), labelled, *rest

@@ -13,14 +13,11 @@ from windmark.detection.fields import field_shift
 from windmark.scene import Detections, MarkerSet
 from windmark.scene.repeated import ONCE_MORE, is_repeated
 from windmark.tasks.deform.memory import displaced
-from windmark.tasks.deform.spots import Labelled
+from windmark.tasks.deform.spots import OWN_PX, Labelled
 from windmark.tasks.deform.task import DeformationTest, Image, Sight, Station
 from windmark.tasks.deform.why import Levels, few, levels_of, why_few
 from windmark.tasks.odd import CHANCE, nearest_spots, together
 from windmark.tasks.predictions import from_camera
-
-OWN_PX = 1.0
-"""A spot of the whole image so near to one with a marker is the same; so near to a marker's place it was looked at."""
 
 
 @dataclass

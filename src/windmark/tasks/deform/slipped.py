@@ -13,20 +13,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.special import chdtri
 
 from windmark.deformation import Deformation
 from windmark.deformation.attached import LIKELIER
 from windmark.deformation.misfit import length_unit
-from windmark.deformation.slides import Slide, slides_of
+from windmark.deformation.slides import NEAR, Slide, slides_of
 from windmark.errors import g3
-from windmark.scene import Doubt
+from windmark.scene import Doubt, MarkerSet
 from windmark.tasks.deform.memory import displaced
-from windmark.tasks.deform.sights import OWN_PX
-from windmark.tasks.deform.spots import Labelled, near
+from windmark.tasks.deform.spots import OWN_PX, Labelled, near
 from windmark.tasks.deform.task import DeformationTest, Image
 
 Array = NDArray[np.float64]
@@ -62,14 +63,19 @@ class Rival:
         """That the state that was found may be slipped."""
         return self._doubt("may be slipped by", self._values(self.state, found))
 
-    def as_good(self, other: Deformation, found: Deformation) -> bool:
+    def as_good(self, other: Deformation, found: Deformation, apart: int) -> bool:
         """Whether the adjusted state, ``other``, is to be thought of beside the one that was found.
 
         Rows are never quite regular: where the places of their markers are known well enough, these tell by themselves.
+        By the spots that both have the difference of the sums of squares is a ratio of likelihoods, up to `LIKELIER`:
+        so large is chi-square of 2 in one of 100. The number of spots ``apart``, which only one of both has, adds to
+        it: chi-square of some minus chi-square of the others is as uncertain as chi-square of all of them.
         """
         more = int(other.used.sum()) + self.of_marks - int(found.used.sum())
         worse = (other.chi2 - found.chi2) / max(np.nan_to_num(found.sigma0, nan=1.0), 1.0) ** 2
-        return more > 0 if self.more and not self.of_marks else more >= min(self.more, 1) and worse < LIKELIER
+        terms = 2 * apart
+        most = chdtri(2 + terms, np.exp(-LIKELIER / 2)) - terms + other.redundancy - found.redundancy
+        return more > 0 if self.more and not self.of_marks else bool(more >= min(self.more, 1) and worse < most)
 
     def farther(self, expected: Deformation, reach_px: Mapping[str, float], test: DeformationTest) -> bool:
         """Whether the part is so far from where it was expected, in all of some cameras."""
@@ -122,6 +128,7 @@ class Slips:
     test: DeformationTest
     beyond: dict[tuple[str, int], frozenset[int]] = field(default_factory=dict)
     _slides: tuple[Slide, ...] | None = None
+    _places: dict[str, tuple[object, dict[int, Ints]]] = field(default_factory=dict)
 
     def rivals(
         self, state: Deformation, labelled: Mapping[str, Labelled], images: Mapping[str, Image], hidden: Masks,
@@ -176,36 +183,62 @@ class Slips:
     def _marks(
         self, image: Image, name: str, state: Deformation, labelled: Labelled, hidden: NDArray[np.bool_] | None
     ) -> _Seen:
-        """The spots of marks that are known to be beyond the rows, where they are in a state."""
-        seen = _Seen.none()
-        for number, slide in enumerate(self._slides or ()):
-            which, q = self.beyond.get((name, number)), None
-            if which and (q := slide.of(state.q)) is not None:
-                own = self._near(image, name, replace(state, q=q), np.array(sorted(which)), labelled, hidden)
-                # Two of its spacings on the one before the last is where the last is after one.
-                seen = seen.plus(number + 1, own, _apart(own.xy, seen.xy), lack=len(own.marker) < own.expected)
-        return seen
+        """The spots of marks that are known to be beyond the rows, where they are in a state: one look for all."""
+        numbers, parts = list[Label](), list[MarkerSet]()
+        for number, which in self._known(name, state).items():
+            if (q := (self._slides or ())[number].of(state.q)) is not None:
+                parts.append(displaced(self.test.markers, replace(state, q=q)).take(which))
+                numbers += [(number + 1, m) for m in which.tolist()]
+        if not parts:
+            return _Seen.none()
+        like = np.array([m for _, m in numbers])
+        columns: dict[str, Any] = {c: np.concatenate([p.columns[c] for p in parts]) for c in parts[0].columns}
+        columns["name"] = np.arange(len(like)).astype(str)  # a marker may come to several marks
+        marks = replace(parts[0], **columns)
+        own = self._near(image, name, state, marks, labelled, None if hidden is None else hidden[like], like)
+        return _Seen(tuple(numbers[k] for k in own.marker.tolist()), own.xy, len(own.marker) < own.expected)
+
+    def _known(self, name: str, state: Deformation) -> dict[int, Ints]:
+        """Number of a slide -> markers at whose places after it a camera looks for marks: each of these once.
+
+        Two of its spacings on the one before the last is where the last is after one. Marks go with their part, so that
+        this is the same in all states.
+        """
+        own = {number: which for (n, number), which in self.beyond.items() if n == name and which}
+        if self._places.get(name, (None,))[0] != own:
+            slides, seen, once = self._slides or (), np.zeros((0, 3)), dict[int, Ints]()
+            for number in sorted(own, key=lambda k: (slides[k].spacing, k)):
+                if (q := slides[number].of(state.q)) is None:
+                    return {k: np.array(sorted(which)) for k, which in own.items()}
+                which = np.array(sorted(own[number]))
+                xyz = displaced(self.test.markers, replace(state, q=q)).xyz[which]
+                new = cKDTree(seen).query(xyz)[0] > NEAR * slides[number].spacing if len(seen) else which >= 0
+                if new.any():
+                    seen, once[number] = np.concatenate([seen, xyz[new]]), which[new]
+            self._places[name] = own, once
+        return self._places[name][1]
 
     def _there(
         self, image: Image, name: str, state: Deformation, slide: Slide, labelled: Labelled,
         hidden: NDArray[np.bool_] | None,
     ) -> _Seen:  # fmt: skip
         """Markers that enter and have a spot where they would be, which is nobody's yet."""
-        seen = self._near(image, name, state, slide.entering, labelled, hidden)
-        return _Seen.none().plus(0, seen, _apart(seen.xy, labelled.xy))
+        placed = displaced(self.test.markers, state)
+        aside = np.ones(len(placed), bool)
+        aside[slide.entering] = False
+        seen = self._near(image, name, state, placed, labelled, aside if hidden is None else aside | hidden)
+        return _Seen.of(seen, _apart(seen.xy, labelled.xy))
 
     def _near(
-        self, image: Image, name: str, state: Deformation, which: Ints, labelled: Labelled,
-        hidden: NDArray[np.bool_] | None,
+        self, image: Image, name: str, state: Deformation, placed: MarkerSet, labelled: Labelled,
+        hidden: NDArray[np.bool_] | None, like: Ints | None = None,
     ) -> Labelled:  # fmt: skip
-        """The spots at the places of some markers in a state."""
-        station, placed = self.test.station(name), displaced(self.test.markers, state)
-        aside = np.ones(len(placed), bool)
-        aside[which] = False
+        """The spots at some places in a state."""
+        station = self.test.station(name)
         return near(
             image, self.test, station, state.cameras.get(name, station.camera),
-            state.cam_from_tunnel.get(name, station.cam_from_tunnel), placed, 0.0, labelled,
-            aside if hidden is None else aside | hidden,
+            state.cam_from_tunnel.get(name, station.cam_from_tunnel), placed, 0.0, labelled, hidden, like,
+            labelled.saturation,
         )  # fmt: skip
 
 
@@ -228,10 +261,10 @@ class _Seen:
     def none() -> _Seen:
         return _Seen((), np.zeros((0, 2)))
 
-    def plus(self, number: int, seen: Labelled, which: NDArray[np.bool_], *, lack: bool = False) -> _Seen:
-        """Those and some others of a slide."""
-        labels = tuple((number, m) for m in seen.marker[which].tolist())
-        return _Seen((*self.labels, *labels), np.concatenate([self.xy, seen.xy[which]]), self.lack or lack)
+    @staticmethod
+    def of(seen: Labelled, which: NDArray[np.bool_]) -> _Seen:
+        """Some of the markers that were seen."""
+        return _Seen(tuple((0, m) for m in seen.marker[which].tolist()), seen.xy[which])
 
 
 def _lost(left: Array, there: _Seen, marks: _Seen, labelled: Labelled, slide: Slide, own: _Seen) -> int:

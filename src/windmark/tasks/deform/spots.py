@@ -18,6 +18,7 @@ from windmark.detection.template.result import BORDER, CONTAMINATED, ILL
 from windmark.geometry import Camera, Pose
 from windmark.geometry.order import median
 from windmark.scene import Detections, MarkerSet
+from windmark.scene.levels import saturation_level
 from windmark.tasks.deform.task import DeformationTest, Image, Station
 from windmark.tasks.predictions import Known, Predictions, from_camera, look_again
 
@@ -26,6 +27,8 @@ Ints = NDArray[np.int64]
 
 LEAST_PX, MOST_PX = 1.0, 12.0
 """Markers are looked for at least and at most so far from where they are expected."""
+OWN_PX = 1.0
+"""A spot of the whole image so near to one with a marker is the same; so near to a marker's place it was looked at."""
 APART = 0.45
 """... and never farther than this part of the distance to the nearest other marker in the image."""
 CLEARLY = 0.5
@@ -53,6 +56,7 @@ class Labelled:
     off_px : how far the spots were from where they were expected, root mean square per coordinate; inf if unknown
     between_cov : (n, 2, 2) what interpolating between pictures adds to ``cov``; None for spots of one picture
     not_found : what was at the other expected places -> how many
+    saturation : grey level from which on the image says nothing; None where that was not asked
     """
 
     marker: Ints
@@ -70,6 +74,7 @@ class Labelled:
     eccentricity_px: Array | None = None
     between_cov: Array | None = None
     not_found: Mapping[str, int] = field(default_factory=dict)
+    saturation: float | None = None
 
     @staticmethod
     def none(reason: str) -> Labelled:
@@ -79,10 +84,26 @@ class Labelled:
             np.zeros(0, np.int64), empty, np.zeros((0, 2, 2)), empty, np.zeros(0), np.zeros((0, 3)), reason=reason
         )
 
+    def measured_as(self, other: Labelled) -> Labelled:
+        """The same labels with what others of the same image measured of the spots that both have, by their places."""
+        if not (len(self.marker) and len(other.marker)) or (self.between_cov is None) != (other.between_cov is None):
+            return self
+        away, where = cKDTree(other.xy).query(self.xy)
+        own = (away < OWN_PX) & (np.bincount(where, minlength=len(other.marker))[where] == 1)
+
+        def taken(name: str) -> Any:
+            mine = getattr(self, name)
+            return None if mine is None else np.where(own.reshape(-1, *[1] * (mine.ndim - 1)),
+                                                      getattr(other, name)[where], mine)  # fmt: skip
+
+        names = ("xy", "cov", "axes_px", "angle", "between_cov")
+        return replace(self, known=other.known, **{name: taken(name) for name in names})
+
 
 def near(
     image: Image, test: DeformationTest, station: Station, camera: Camera, pose: Pose, placed: MarkerSet,
-    error_px: float, before: Labelled | None, hidden: NDArray[np.bool_] | None,
+    error_px: float, before: Labelled | None, hidden: NDArray[np.bool_] | None, like: Ints | None = None,
+    saturation: float | None = None,
 ) -> Labelled:  # fmt: skip
     """Markers near where they are expected.
 
@@ -94,6 +115,8 @@ def near(
     error_px : root mean square error of such expectations lately
     before : the frame before
     hidden : (N,) markers that something hides from this camera; None if unknown
+    like : (N,) to which of the markers of the frame before each looks alike; None where they are these
+    saturation : of the image, where it was looked at before
     """
     radius = None if before is None or not np.isfinite(before.radius_px) else before.radius_px
     known = np.arange(len(placed)) if hidden is None else np.flatnonzero(~hidden)
@@ -104,13 +127,16 @@ def near(
     expected = expected.take(np.argsort(expected.axes_px[:, 0], kind="stable"))  # windows of one size in a row
     which = known[expected.row]
     by_table = np.column_stack([expected.axes_px, expected.angle])
-    expected = _as_seen(expected, which, before)
+    looks = which if like is None else like[which]
+    expected = _as_seen(expected, looks, before)
     apart = nearest(expected.xy)
     reach = max(LEAST_PX, min(SIGMAS * error_px, MOST_PX, max(APART * apart, LEAST_PX)))
     told = None if before is None else before.known
+    saturation = saturation_level(image) if saturation is None else saturation
+    count = len(placed) if like is None else int(like.max()) + 1 if told is None else len(told.colour)
     found, told = look_again(
-        image, expected, which, len(placed), told, search_px=reach, polarity=test.look.polarity,
-        photometry=test.look.photometry, mask=station.mask, reshape=told is None,
+        image, expected, looks, count, told, search_px=reach, polarity=test.look.polarity,
+        photometry=test.look.photometry, mask=station.mask, reshape=told is None, saturation=saturation,
     )  # fmt: skip
     # The centre of a disc that the border cuts hangs on what is assumed beyond it, that of an ill-conditioned fit on
     # nothing: neither takes part, and a cut one was not to be expected (as in `register`).
@@ -125,7 +151,7 @@ def near(
         which[good], found.xy[good], found.cov[good] * doubt[:, None, None], found.axes_px[good], found.angle[good],
         by_table[good], len(expected) - int(cut.sum()), told, size, why, off_px=off,
         eccentricity_px=None if expected.eccentricity_px is None else expected.eccentricity_px[good],
-        not_found=_not_found(found, cut),
+        not_found=_not_found(found, cut), saturation=saturation,
     )  # fmt: skip
 
 
