@@ -62,7 +62,7 @@ def places(size=0.0, shift=(0, 0, 0), turn=0.0, bent=None):
 
 
 def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=0, walls=True, true=None, seconds=False,
-             second=None, only=slice(None)):  # fmt: skip
+             second=None, only=slice(None), refused=False):  # fmt: skip
     """Frames of states (places), the second camera ``late`` frames behind; the series and the states of the frames."""
     rng, before, out = np.random.default_rng(seed), None, []
     series = Series.of(test) if series is None else series
@@ -79,6 +79,9 @@ def followed(states, test, seed, *, late=0, series=None, shots=(), first=0, key=
         spots = Observations(view[seen], point[seen], xy[seen], cov[seen])
         kept = []
         answer = state_of(spots, poses, test, before, test.marker_cov, keep=kept.append)
+        if refused and not isinstance(answer, Deformation):
+            series = series.plus(kept[-1], FrameImages(str(k), float(k), {}), odd=True)
+            continue
         assert isinstance(answer, Deformation), answer.reason
         if k >= first:
             between = {"cam2": shots} if shots else {}
@@ -205,10 +208,11 @@ def test_spots_between_two_pictures_tell_no_lateness():
     assert not series.doubts
 
 
-def swinging(times):
+def swinging(times, size=1.0):
     """A wing that swings with a period of 12."""
     angle = 2 * np.pi / 12 * np.asarray(times)
-    return [places(3.0 * s, (0.5 * s, 0.2 * c, s), 0.1 * s) for s, c in zip(np.sin(angle), np.cos(angle), strict=True)]
+    return [places(3.0 * size * s, (0.5 * size * s, 0.2 * size * c, size * s), 0.1 * size * s)
+            for s, c in zip(np.sin(angle), np.cos(angle), strict=True)]  # fmt: skip
 
 
 def test_a_camera_whose_clock_runs_fast_is_named_with_its_rate_and_the_sigmas_have_what_it_is_by_now():
@@ -232,6 +236,31 @@ def test_a_clock_that_runs_as_the_others_do_is_not_said_to_run_fast(off):
     series, _ = followed(swinging(times), made(), 1, seconds=True, second=swinging(times - off))
     assert bool(series.doubts) == bool(off)
     assert not off or (series.late.rate is None and abs(series.late.value - off) < 3 * series.late.sigma)
+
+
+def test_a_picture_that_was_dropped_is_a_step_and_no_clock_that_runs_fast():
+    """It was said to run fast by 6.6 ± 0.1 %."""
+    times = np.arange(20)
+    series, _ = followed(swinging(times, 0.3), made(), 1, second=swinging(times + (times >= 10), 0.3), refused=True)
+    (doubt,) = series.doubts
+    assert series.late.rate is None
+    assert abs(series.late.value - 1) < 3 * series.late.sigma
+    assert str(doubt).startswith("pictures of cam1 show the model 0.")
+    assert "frames earlier than those of cam2 from frame 10 on, by all frames together" in str(doubt)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_camera_that_turns_slowly_before_a_model_that_moves_steadily_is_no_clock(seed):
+    """Either goes with the time; it was said to run fast by 8.7 ± 1 %."""
+    states, (_, cam2) = [places(0.03 * k, (0.01 * k, 0, 0.1 * k), 0.005 * k) for k in range(16)], made().stations
+    pose = cam2.cam_from_tunnel
+    turned = [
+        (pose.inverse() @ Pose(Rotation.from_rotvec([4e-6 * k, 0, 0]).as_matrix(), np.zeros(3)) @ pose).apply(s)
+        for k, s in enumerate(states)
+    ]
+    series, _ = followed(states, made(), seed, second=turned, refused=True)
+    assert series.late is None or series.late.rate is None
+    assert "runs" not in "".join(map(str, series.doubts))
 
 
 def from_walls(size, seed, count, **options):

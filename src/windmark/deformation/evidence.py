@@ -32,6 +32,8 @@ ROUNDING = 1e-10
 """Of eigenvalues over the largest one."""
 LEAST = 1e-6
 """Share of an unknown that adjustments and other unknowns leave over, below which it is not to be told from these."""
+BLOCKS = 64
+"""Parts of a series at most between which a step of a camera's lateness is looked for."""
 ALIKE = 0.15
 """Part of a spot's sigma by which it is wrong alike in all instants: by its place between pixels, lens and light."""
 
@@ -114,14 +116,15 @@ class Evidence:
     ----------
     views : the cameras of the series
     score, power, by_place, chi2, redundancy, spots : see `Instant`; behind its n unknowns come the poses and what the
-        laws lack once more for each load, and last the cameras' lateness once more, in proportion to the time
+        laws lack once more for each load, and last the cameras' lateness and poses once more, in proportion to the time
     products : (1 + R, 1 + R, n) sum of `Instant.size2` times the products of 1 and the loads
     held : what the markers' own places have in ``power``, instant for instant
     course : of the loads
     alone : (V,) sum of squares that the cameras' lateness explains where it may be another one in every instant
     lacking_chi2, lacking_redundancy : of the instants that tell what the laws lack
     instants, moved : how many, and how many of them tell lateness
-    drift2 : (V,) sum of `Instant.size2` of the lateness that grows with the time
+    drift2 : (7 V,) sum of `Instant.size2` of the lateness and the poses that grow with the time
+    blocks : (B, 3, V) score and power of the cameras' lateness of some instants, and when the first of these was
     begin, time : when the first one was, and how long after it the last one
     """
 
@@ -141,6 +144,7 @@ class Evidence:
     instants: int = 0
     moved: int = 0
     drift2: Array = field(default_factory=lambda: np.zeros(0))
+    blocks: Array = field(default_factory=lambda: np.zeros((0, 3, 0)))
     begin: float = float("nan")
     time: float = 0.0
 
@@ -149,11 +153,11 @@ class Evidence:
         """Of no instant yet of these markers."""
         fields, loads = fields_of(placed), len(loads_of(placed))
         one = 6 * len(views) + (0 if fields is None else fields.field.shape[-1])
-        n = 2 * len(views) + (1 + loads) * one
+        n = 8 * len(views) + (1 + loads) * one
         return Evidence(
             views, np.zeros(n), np.zeros((n, n)), np.zeros((1 + loads, 1 + loads, len(views) + one)),
             np.zeros((n, len(placed.xyz), 3)), np.zeros((n, n)), Course.none(loads), np.zeros(len(views)),
-            drift2=np.zeros(len(views)),
+            drift2=np.zeros(7 * len(views)), blocks=np.zeros((0, 3, len(views))),
         )  # fmt: skip
 
     @property
@@ -164,7 +168,12 @@ class Evidence:
     @property
     def drift(self) -> Ints:
         """By how much that grows in one unit of time."""
-        return np.arange(len(self.score) - len(self.views), len(self.score))
+        return np.arange(len(self.score) - 7 * len(self.views), len(self.score) - 6 * len(self.views))
+
+    @property
+    def drifting_poses(self) -> Ints:
+        """By how much their poses change in one unit of time."""
+        return np.arange(len(self.score) - 6 * len(self.views), len(self.score))
 
     @property
     def poses(self) -> Ints:
@@ -191,9 +200,9 @@ class Evidence:
         """The same with some combinations (k, 1 + R) of 1 and the loads in place of these; the first of them is 1."""
         late = len(self.views)
         rest = np.kron(factors, np.eye(self.products.shape[-1] - late))
-        by = np.zeros((len(rest) + 2 * late, len(self.score)))
-        by[:late, :late] = by[-late:, -late:] = np.eye(late)
-        by[late:-late, late:-late] = rest
+        by = np.zeros((len(rest) + 8 * late, len(self.score)))
+        by[:late, :late], by[-7 * late :, -7 * late :] = np.eye(late), np.eye(7 * late)
+        by[late : -7 * late, late : -7 * late] = rest
         return replace(
             self, score=by @ self.score, power=by @ self.power @ by.T, held=by @ self.held @ by.T,
             by_place=np.tensordot(by, self.by_place, axes=1),
@@ -220,8 +229,9 @@ class Evidence:
         course = self.course.plus(instant.load, instant.load_cov, wind_off) if wind_off or tells else self.course
         own = np.r_[1.0, instant.load]
         rest = np.arange(len(late), len(instant.score))
-        which = np.r_[late, np.tile(rest, len(own)), late]
-        share = np.r_[np.ones(len(late)), np.repeat(own, len(rest)), np.full(len(late), time)]
+        grow = np.arange(7 * len(late))
+        which = np.r_[late, np.tile(rest, len(own)), grow]
+        share = np.r_[np.ones(len(late)), np.repeat(own, len(rest)), np.full(len(grow), time)]
         held = by_places(instant.by_place, place_cov)
         return replace(
             self, alone=self.alone + np.where(told, instant.score[late] ** 2 / np.where(told, power, 1.0), 0.0),
@@ -234,7 +244,8 @@ class Evidence:
             lacking_chi2=self.lacking_chi2 + instant.chi2 * tells,
             lacking_redundancy=self.lacking_redundancy + instant.redundancy * tells,
             spots=self.spots + instant.spots, instants=self.instants + 1,
-            drift2=self.drift2 + time**2 * instant.size2[late], begin=begin, time=time,
+            drift2=self.drift2 + time**2 * instant.size2[grow], begin=begin, time=time,
+            blocks=_blocks(self.blocks, np.array([instant.score[late], power, np.full(len(late), when)])),
         )  # fmt: skip
 
     def added(self, which: Ints, beside: Ints, place_cov: Array | None) -> Added:
@@ -245,6 +256,13 @@ class Evidence:
         """
         sums = Sums(self.score, self.power, self.held, self.by_place, self.size2, self.instants)
         return sums.added(which, beside, place_cov)
+
+
+def _blocks(blocks: Array, instant: Array) -> Array:
+    """Those and an instant (3, V) more; pairs of them where there are too many."""
+    if len(blocks) == BLOCKS:
+        blocks = np.stack([blocks[::2, 0] + blocks[1::2, 0], blocks[::2, 1] + blocks[1::2, 1], blocks[::2, 2]], axis=1)
+    return np.concatenate([blocks, instant[None]])
 
 
 class Sums(NamedTuple):

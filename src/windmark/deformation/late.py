@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.adjust import chance
+from windmark.deformation.attached import LIKELIER
 from windmark.deformation.evidence import Evidence, Instant
 from windmark.errors import g1, g2
 from windmark.scene import Doubt
@@ -42,6 +43,7 @@ class Late:
     unit : of the instants, "frames" or "s"
     rate : how much that grows in one unit of time and the sigma of that, ``value`` that of the last instant; None where
         it is the same in all of them
+    since : from when on it is that, by the instants; None where it was always so
     """
 
     views: tuple[str, ...]
@@ -50,6 +52,7 @@ class Late:
     sigma: float
     unit: str = "frames"
     rate: tuple[float, float] | None = None
+    since: float | None = None
 
     @property
     def doubt(self) -> Doubt:
@@ -64,8 +67,10 @@ class Late:
                          f"together: its pictures show the model {g2(abs(self.value))} {self.unit} "
                          f"{'earlier' if self.value > 0 else 'later'} by now", "late")  # fmt: skip
         side = "earlier" if self.value > 0 else "later"
+        begin = "" if self.since is None else f"{self.since:g} s" if self.unit == "s" else f"frame {self.since:g}"
+        since = f" from {begin} on" if begin else ""
         return Doubt((name,), f"pictures of {{}} show the model {g2(abs(self.value))} ± {g1(self.sigma)} {self.unit} "
-                     f"{side} than those of {_escaped(of)}, by all frames together", "late")  # fmt: skip
+                     f"{side} than those of {_escaped(of)}{since}, by all frames together", "late")  # fmt: skip
 
     def shifts(self, instant: Instant) -> Array:
         """(F, k) by how much what is free in an instant is off, 1 sigma, whichever camera is the one in time."""
@@ -119,21 +124,32 @@ def lateness(
 def _drifting(evidence: Evidence, place_cov: Array | None, uneven: float, unit: str) -> Late | None:
     """The camera whose lateness grows with the time; None where none's does.
 
-    It must be told beside a lateness that stays, poses that are off and what the laws lack, with the load or without: a
-    steady motion goes with the time as well.
+    It must be told beside a lateness that stays, poses that are off, with the time as well, and what the laws lack,
+    with the load or without: a steady motion goes with the time as well, and before a camera that turns slowly it looks
+    the same. A picture that was dropped is no rate: it is a step, which then explains more.
     """
     limit, one, best = FALSE / len(evidence.views), np.array([0]), (0.0, 0)
     every = evidence.by_factors(evidence.course.factors)
     for v in evidence.late:
         alone = evidence.added(evidence.drift[[v]], evidence.late[[v]], place_cov).fitted(one)[0]
         if chance(alone, 1, *evidence.beside(alone)) < limit:
-            rest = np.concatenate([every.late[[v]], every.with_loads(every.poses), every.with_loads(every.lacking)])
+            rest = np.concatenate([every.late[[v]], every.with_loads(every.poses), every.with_loads(every.lacking),
+                                   every.drifting_poses])  # fmt: skip
             test, rank = every.added(every.drift[[v]], rest, place_cov).fitted(one)[:2]
             best = max(best, (test if rank else 0.0, int(v)))
     test, which = best
     if chance(test, 1, *evidence.beside(test)) >= limit:
         return None
     own = np.array([evidence.late[which], evidence.drift[which]])
+    # Weighted as each instant by itself is, see `lateness`.
+    score, power = evidence.score[own], evidence.power[np.ix_(own, own)]
+    scale = max(evidence.chi2 / max(evidence.redundancy, 1), 1.0)
+    explains, late, sigma, since = _step(evidence.blocks[:, :, which])
+    if explains > score @ np.linalg.pinv(power, hermitian=True) @ score + LIKELIER * scale:
+        if len(evidence.views) == 2 and late < 0:
+            which, late = 1 - which, -late
+        sigma = float(np.hypot(sigma * np.sqrt(scale), STRAIGHT * uneven * late))
+        return Late(evidence.views, which, late, sigma, unit, since=since)
     value, cov = evidence.added(own, evidence.poses[:0], place_cov).fitted(np.arange(2))[2:]
     at = np.array([1.0, evidence.time])
     late, rate = float(at @ value), float(value[1])
@@ -141,3 +157,19 @@ def _drifting(evidence: Evidence, place_cov: Array | None, uneven: float, unit: 
         which, late, rate = 1 - which, -late, -rate  # the other way round it is the same
     sigma = float(np.hypot(np.sqrt(at @ cov @ at), STRAIGHT * uneven * late))
     return Late(evidence.views, which, late, sigma, unit, (rate, float(np.sqrt(cov[1, 1]))))
+
+
+def _step(blocks: Array) -> tuple[float, float, float, float]:
+    """What a lateness explains that changes once, by whatever it is before and after it; blocks (B, 3).
+
+    And what it is after it, the sigma of that, and when the change is, that explains most.
+    """
+    score, power = np.cumsum(blocks[:, :2], axis=0).T
+    after, power_after = score[-1] - score[:-1], power[-1] - power[:-1]
+    told = (power[:-1] > 0) & (power_after > 0)
+    if not told.any():
+        return 0.0, 0.0, 0.0, 0.0
+    by = np.where(told, power_after, 1.0)
+    explains = np.where(told, score[:-1] ** 2 / np.where(told, power[:-1], 1.0) + after**2 / by, 0.0)
+    k = int(explains.argmax())
+    return float(explains[k]), float(-after[k] / by[k]), float(1 / np.sqrt(by[k])), float(blocks[k + 1, 2])
