@@ -52,9 +52,7 @@ def test_values_on_the_nodes_in_every_format(finished, shared_data):
     np.testing.assert_array_equal(np.isfinite(tecplot["value [grey level]"]), np.isfinite(value))
     np.testing.assert_allclose(netcdf["value"], value, rtol=1e-6)
     assert (folder / "nodes.vtp").stat().st_size > 1e6
-    # Some nodes of the dark end are where the picture, of 8 bits, is clipped at black.
-    assert 0.995 < np.isfinite(value).sum() / summary["images"][0]["nodes_visible"] <= 1
-    assert np.isfinite(value).sum() > 60_000
+    assert np.isfinite(value).sum() == summary["images"][0]["nodes_visible"] > 60_000
 
 
 def test_nodes_that_cannot_be_seen_are_nan(finished, shared_data):
@@ -71,4 +69,4 @@ def test_nodes_that_cannot_be_seen_are_nan(finished, shared_data):
     assert np.isnan(value[~top]).all()
     inner = top & (np.abs(mesh.vertices[:, 2] + 7) < 1e-3) & ~outside & (xy > 20).all(axis=1) & (xy[:, 0] < 1200)
     inner &= (xy[:, 1] < 780) & (mesh.vertex_normals()[:, 2] > 0.9)  # not the side walls' own copies of the rim
-    assert np.isfinite(value[inner]).mean() > 0.997
+    assert np.isfinite(value[inner]).mean() > 0.999

@@ -39,7 +39,7 @@ def black_pixels(image: NDArray[np.generic], shown: Mask) -> Mask | None:
     low = known & (image == lowest)
     if low.sum() < LEAST:
         return None
-    from scipy.ndimage import uniform_filter
+    from scipy.ndimage import binary_erosion, binary_propagation, uniform_filter
 
     inner = known[:, :-2] & known[:, 1:-1] & known[:, 2:]
     single = np.zeros((2, *low.shape), bool)  # at the level between two above it, and above it between two at it
@@ -57,6 +57,10 @@ def black_pixels(image: NDArray[np.generic], shown: Mask) -> Mask | None:
     if noisy.sum() < LEAST or not len(above) or not (top := float(np.quantile(above, 0.9))) >= STEPS * _step(image):
         return None
     out = (noisy & (image.astype(float) - float(lowest) <= 2 * top)) | (known & low & (share >= NEARLY_ALL))
+    # Where grid or pose is off by some pixels a rim shows what is behind the model, which may be at the lowest level:
+    # what is clipped of the model has to reach farther in.
+    deep = binary_erosion(shown, iterations=WINDOW_PX, border_value=1)
+    out = binary_propagation(out & deep, mask=out)
     return out if out.sum() >= LEAST else None
 
 
