@@ -36,14 +36,15 @@ def test_of(**given):
         volume=np.array(["body"] * len(BODY) + ["panel"] * len(PANEL)),
     )  # fmt: skip
     volumes = Volumes.of([Volume("body"), Volume("panel", slide, parent="body")], "mm")
-    return DeformationTest((Station("cam", CAMERA, AWAY),), markers, volumes, look=LookOptions((5.0,)), **given)
+    stations = (Station("cam", CAMERA, AWAY), *given.pop("more", ()))
+    return DeformationTest(stations, markers, volumes, look=LookOptions((5.0,)), **given)
 
 
 test_of.__test__ = False
 
 
-def image(s, panel=PANEL, body=BODY):
-    xy = CAMERA.project(AWAY.apply(np.vstack([body, panel + np.array([s, 0.0, 0.0])])))[0]
+def image(s, panel=PANEL, body=BODY, pose=AWAY):
+    xy = CAMERA.project(pose.apply(np.vstack([body, panel + np.array([s, 0.0, 0.0])])))[0]
     share = np.prod([disc_image((300, 400), place, 5.0, level=1.0, depth=0.8, blur_px=0.6) for place in xy], axis=0)
     noise = np.random.default_rng(abs(100 + int(10 * s) + len(panel))).normal(0.0, 1.5, share.shape)
     return np.rint(20 + share * 200 + noise).astype(np.uint8)
@@ -152,6 +153,19 @@ def test_a_jump_of_about_two_spacings_between_marks_beyond_both_ends_is_right_in
     frames = followed(*(image(s, more) for s in true), test=test_of(wind_off=("0",)))
     assert values(frames) == pytest.approx(true, abs=0.05)
     assert [[d.cause for d in f.state.doubts] for f in frames[:4]] == [[], [], [], ["layout"]]
+
+
+@pytest.mark.parametrize("joins", [3, 4])
+def test_of_a_camera_that_joins_late_the_ends_of_the_rows_are_asked_too(joins):
+    """Of the second camera nothing was known beyond the rows: the part stayed 25 mm off, in doubt at best."""
+    aside, true = Pose(np.eye(3), np.array([-30.0, 0.0, 800.0])), [0.0, 3.0, 1.0, 2.0, 25.0, 26.0]
+    more = np.vstack([PANEL, BEYOND])
+    frames = [FrameImages(str(k), float(k), {"cam": image(s, more)}) for k, s in enumerate(true)]
+    for frame, s in zip(frames[joins:], true[joins:], strict=True):
+        frame.images["aside"] = image(s, more, pose=aside)
+    found = list(follow_deformation(frames, test_of(more=(Station("aside", CAMERA, aside),), wind_off=("0",))))
+    assert values(found) == pytest.approx(true, abs=0.05)
+    assert "panel was found one spacing of 25 mm nearer than its ends show" in str(found[4].state.doubts[0])
 
 
 def test_sums_of_squares_of_spots_that_only_one_state_has_reject_the_right_one_in_one_of_a_hundred():

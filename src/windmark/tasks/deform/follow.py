@@ -123,15 +123,16 @@ class _Follower:
         series = None if self._series is None else self._series.without()
         own = {name: deepcopy(getattr(self, name)) for name in _CHANGED_IN_PLACE}
         own |= {name: getattr(self, name) for name in _MADE_ANEW}
-        return {"_shots": self._looking.seen, "_series": series, "_beyond": dict(self._slips.beyond), **own}
+        known = (dict(self._slips.beyond), self._slips.asked)
+        return {"_shots": self._looking.seen, "_series": series, "_slips": known, **own}
 
     def take_up(self, handed_on: Mapping[str, Any]) -> None:
         """Go on with what `handed_on` gave."""
         for name, value in handed_on.items():
             if name == "_shots":
                 self._looking.shots = value
-            elif name == "_beyond":
-                self._slips.beyond = value
+            elif name == "_slips":
+                self._slips.beyond, self._slips.asked = value
             else:
                 setattr(self, name, value)
 

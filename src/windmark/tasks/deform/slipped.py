@@ -123,10 +123,12 @@ class Slips:
     test : what does not change
     beyond : camera, number of the slide -> markers at whose places after it there are spots that are no markers'; not
         there where that was never seen
+    asked : cameras that were asked what is beyond the rows; one may join late
     """
 
     test: DeformationTest
     beyond: dict[tuple[str, int], frozenset[int]] = field(default_factory=dict)
+    asked: frozenset[str] = frozenset()
     _slides: tuple[Slide, ...] | None = None
     _places: dict[str, tuple[object, dict[int, Ints]]] = field(default_factory=dict)
 
@@ -144,6 +146,7 @@ class Slips:
         names = [n for n in images if n in labelled]
         own = {n: self._marks(images[n], n, state, labelled[n], hidden.get(n)) for n in names}
         lacks = any(len(spots.marker) < spots.expected for spots in labelled.values())
+        cold = cold or not self.asked.issuperset(names)
         if not cold and not lacks and not any(marks.lack for marks in own.values()):
             return ()
         best, alike, tied = None, False, list[Rival]()
@@ -161,8 +164,8 @@ class Slips:
                 continue
             there = {n: self._there(images[n], n, other, slide, labelled[n], hidden.get(n)) for n in names}
             new = {n: _new(there[n], marks[n], labelled[n], own[n]) for n in names}
-            lost = sum(_lost(left[n], there[n], marks[n], labelled[n], slide, own[n]) for n in names)
-            more, places = sum(map(len, new.values())) - lost, len(frozenset[Label]().union(*new.values()))
+            lost = {n: _lost(left[n], there[n], marks[n], labelled[n], slide, own[n]) for n in names}
+            more = sum(len(new[n]) - lost[n] for n in names)
             by_markers = sum(len(there[n].labels) - len(left[n]) for n in names)
             rival = Rival(other, slide, max(more, 0), more - by_markers, False)
             if more <= 0:
@@ -170,14 +173,17 @@ class Slips:
                 shown = any(np.isin(labelled[n].marker, slide.own).any() for n in names)
                 tied += [rival] if shown and more == 0 else []
                 continue
-            known = all((n, number) in self.beyond for n in names)
+            known = [n for n in names if (n, number) in self.beyond]  # a camera that joined late knows nothing
+            places = len(frozenset[Label]().union(*(new[n] for n in known)))
+            sure = min(sum(len(new[n]) - lost[n] for n in known), places) >= SURE
             alike = best is not None and (more == best.more or (alike and more < best.more))
             if best is None or more > best.more:
-                best = replace(rival, sure=known and min(more, places) >= SURE)
+                best = replace(rival, sure=sure)
         if best is not None:  # a part that slipped has its own spots there
             return (replace(best, sure=best.sure and not alike),)
         for key, seen in beyond.items():  # a mark that was seen once is there, whether it can be seen now or not
             self.beyond[key] = self.beyond.get(key, frozenset()) | seen
+        self.asked = self.asked.union(names)
         return tuple(tied)
 
     def _marks(
