@@ -12,9 +12,11 @@ from windmark.pipeline.deform import DeformationTest, FrameImages, Station, foll
 from windmark.scene import Detections, MarkerSet
 from windmark.scene.repeated import ONCE_MORE
 from windmark.synth import disc_image
+from windmark.tasks.deform import finding
 from windmark.tasks.deform import follow as follow_module
 from windmark.tasks.deform import sights as sights_module
 from windmark.tasks.deform.cold import Found
+from windmark.tasks.deform.settling import Settler
 from windmark.tasks.deform.spots import Labelled, around
 from windmark.tasks.deform.task import LookOptions, Shot
 from windmark.tasks.odd import nearest_spots, together
@@ -76,7 +78,7 @@ def test_a_jump_that_the_search_of_the_whole_image_refuses_is_followed_by_the_ne
     frames = [FrameImages(str(k), float(k), {"cam": i}) for k, i in enumerate(images)]
     followed = follow_deformation(frames, test)
     assert [next(followed).status for _ in range(2)] == ["cold", "tracked"]
-    monkeypatch.setattr(follow_module, "anywhere", lambda *_: Found({"cam": Labelled.none("refused")}))
+    monkeypatch.setattr(finding, "anywhere", lambda *_: Found({"cam": Labelled.none("refused")}))
     jumped = next(followed)
     assert jumped.status == "tracked"
     assert "nearest to the last good frame's: " in jumped.reason
@@ -197,7 +199,7 @@ class _Interrupted(Exception):
     pass
 
 
-@pytest.mark.parametrize("where", ["_remember", "_together", "_sights", "_identify"])
+@pytest.mark.parametrize("where", ["_remember", "_together", "_sights", "identify"])
 def test_a_frame_that_is_broken_off_leaves_what_was_handed_on_as_it_was(monkeypatch, where):
     """Resumed, that frame was called a copy of the one before: its own print was among what had been handed on."""
     stations = tuple(Station(name, CAMERA, AWAY) for name in ("own", "slow"))
@@ -219,7 +221,7 @@ def test_a_frame_that_is_broken_off_leaves_what_was_handed_on_as_it_was(monkeypa
     def broken(*_, **__):
         raise _Interrupted
 
-    monkeypatch.setattr(follow_module._Follower, where, broken)
+    monkeypatch.setattr(Settler if where == "identify" else follow_module._Follower, where, broken)
     with pytest.raises(_Interrupted):
         next(followed)
     assert pickle.dumps(kept) == before

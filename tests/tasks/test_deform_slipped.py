@@ -5,58 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sliding_panel import BEYOND, BODY, CAMERA, END, PANEL, PITCH, followed, image, test_of, values
 
-from windmark.deformation import Volume, Volumes, law
-from windmark.geometry import Camera, Pose
-from windmark.pipeline.deform import DeformationTest, FrameImages, Station, follow_deformation
-from windmark.scene import MarkerSet
-from windmark.synth import disc_image
-from windmark.tasks.deform.slipped import Rival, Slips, _Seen
-from windmark.tasks.deform.task import LookOptions
-
-CAMERA, AWAY = Camera((400, 300), 800.0), Pose(np.eye(3), np.array([0.0, 0.0, 800.0]))
-BODY = np.array([
-    [-150, -110, 0], [-60, -95, 0], [10, -120, 0], [90, -100, 0], [150, -60, 0], [-170, -20, 0], [-150, 90, 0],
-    [-40, 115, 0], [40, 100, 0], [130, 110, 0], [-90, -50, 0], [100, 70, 0],
-], float)  # fmt: skip
-PANEL = np.array([[-70.0 + 25.0 * b, 30.0 * a, 0.0] for a in range(2) for b in range(5)])
-PITCH = np.array([25.0, 0.0, 0.0])
-END, BEYOND = [0, 5], PANEL[[4, 9]] + PITCH
-
-
-@law(s="mm")
-def slide(X, s):
-    return X + np.array([s, 0.0, 0.0])
-
-
-def test_of(**given):
-    xyz = np.vstack([BODY, given.pop("panel", PANEL)])
-    markers = MarkerSet.make(
-        [f"m{k}" for k in range(len(xyz))], xyz, radius=5.0, normal=np.tile([0.0, 0.0, -1.0], (len(xyz), 1)),
-        volume=np.array(["body"] * len(BODY) + ["panel"] * len(PANEL)),
-    )  # fmt: skip
-    volumes = Volumes.of([Volume("body"), Volume("panel", slide, parent="body")], "mm")
-    stations = (Station("cam", CAMERA, AWAY), *given.pop("more", ()))
-    return DeformationTest(stations, markers, volumes, look=LookOptions((5.0,)), **given)
-
-
-test_of.__test__ = False
-
-
-def image(s, panel=PANEL, body=BODY, pose=AWAY):
-    xy = CAMERA.project(pose.apply(np.vstack([body, panel + np.array([s, 0.0, 0.0])])))[0]
-    share = np.prod([disc_image((300, 400), place, 5.0, level=1.0, depth=0.8, blur_px=0.6) for place in xy], axis=0)
-    noise = np.random.default_rng(abs(100 + int(10 * s) + len(panel))).normal(0.0, 1.5, share.shape)
-    return np.rint(20 + share * 200 + noise).astype(np.uint8)
-
-
-def followed(*images, test=None):
-    frames = [FrameImages(str(k), float(k), {"cam": i}) for k, i in enumerate(images)]
-    return list(follow_deformation(frames, test_of() if test is None else test))
-
-
-def values(frames):
-    return [float(f.state.q[0]) for f in frames]
+from windmark.geometry import Pose
+from windmark.pipeline.deform import FrameImages, Station, follow_deformation
+from windmark.tasks.deform.rival import Rival
+from windmark.tasks.deform.slipped import Slips, _Seen
 
 
 def test_a_jump_of_nearly_a_spacing_or_two_of_them_is_seen_by_the_ends_of_the_rows():
@@ -134,6 +88,26 @@ def test_what_was_never_seen_whole_is_doubted_in_each_frame_with_its_values():
         assert doubt.cause == "layout"
         assert "panel may be slipped by one spacing of 25 mm: with panel.s = 2" in str(doubt)
         assert "2 more of its spots are explained" in str(doubt)
+
+
+def test_a_part_that_was_in_doubt_is_so_where_as_many_spots_are_explained_in_the_next_frame():
+    """The motion before said where it was, from a place that was in doubt itself: 25 mm off and nothing said."""
+    fewer = np.delete(PANEL, END, axis=0)
+    frames = followed(image(0.0, np.vstack([fewer, BEYOND])), image(2.0, fewer))
+    assert [[d.cause for d in f.state.doubts] for f in frames] == [["layout"], ["layout"]]
+    assert "as many of its spots are explained as well" in str(frames[1].state.doubts[0])
+
+
+def test_a_part_that_moved_farther_than_expected_by_half_a_spacing_may_have_moved_to_either_place():
+    middle = np.delete(PANEL, [0, 4, 5, 9], axis=0)
+    still = [image(0.1 * k, PANEL) for k in range(6)]
+    doubted = followed(*still, image(13.5, middle))[-1]
+    (doubt,) = doubted.state.doubts
+    assert "as many of its spots are explained as well" in str(doubt)
+    # By a quarter of it, it went the shorter way.
+    near = followed(*still, image(5.5, middle))[-1]
+    assert values([near]) == pytest.approx([5.5], abs=0.05)
+    assert not near.state.doubts
 
 
 def test_a_marker_that_is_lost_elsewhere_is_no_question(monkeypatch):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -45,8 +45,9 @@ class Found:
 
 
 def anywhere(
-    spots: Mapping[str, Detections | str], test: DeformationTest, in_step: Collection[str], pool: Executor
-) -> Found:
+    spots: Mapping[str, Detections | str], test: DeformationTest, in_step: Collection[str], pool: Executor,
+    aside: Sequence[int] | Ints = (),
+) -> Found:  # fmt: skip
     """All spots of all cameras matched to the model, and of cameras that move to the walls.
 
     The cameras that stand still and took their picture at the instant are a rig with known places: every one proposes
@@ -60,8 +61,9 @@ def anywhere(
     test : what does not change
     in_step : cameras that took a picture at the instant
     pool : for the cameras that are searched by themselves
+    aside : markers that are not looked for
     """
-    model = np.flatnonzero(test.markers.role != "wall")
+    model = np.setdiff1d(np.flatnonzero(test.markers.role != "wall"), aside)
     placed, options = at_start(test), _model_options(test, model)
     markers = placed.take(model)
     labelled = {name: Labelled.none(why) for name, why in spots.items() if isinstance(why, str)}
@@ -80,7 +82,8 @@ def anywhere(
         if not (isinstance(found, NotRegistered) and found.cause == "time"):
             labelled |= {s.name: _of_rig(done, s, seen[s.name], model) for s in still}
     at = found.rig_from_model if isinstance(found, RigRegistration) else Pose.identity()
-    alone = {n: pool.submit(_alone, s, test, placed, test.station(n), at) for n, s in seen.items() if n not in labelled}
+    left = {n: s for n, s in seen.items() if n not in labelled}
+    alone = {n: pool.submit(_alone, s, test, placed, test.station(n), at, model) for n, s in left.items()}
     labelled |= {name: job.result() for name, job in alone.items()}
     return Found({n: labelled[n] for n in spots}, left_out | moved)
 
@@ -111,10 +114,10 @@ def _of_rig(done: Together, station: Station, spots: Detections, model: Ints) ->
 
 
 def _alone(
-    spots: Detections, test: DeformationTest, placed: MarkerSet, station: Station, tunnel_from_model: Pose
+    spots: Detections, test: DeformationTest, placed: MarkerSet, station: Station, tunnel_from_model: Pose, model: Ints
 ) -> Labelled:  # fmt: skip
-    """The spots of one camera by itself: walls where it moves, then the model. ``placed`` : of `at_start`."""
-    pose, pairs, model = station.cam_from_tunnel, [], np.flatnonzero(placed.role != "wall")
+    """The spots of one camera by itself: walls where it moves, then the model's markers. ``placed`` : of `at_start`."""
+    pose, pairs = station.cam_from_tunnel, []
     wall = np.flatnonzero(placed.role == "wall")
     if station.moves and len(wall) >= LEAST_WALL:
         answer = register(spots, placed.take(wall), station.camera, prior=pose, **_options(test))

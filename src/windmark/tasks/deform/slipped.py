@@ -18,15 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.special import chdtri
 
 from windmark.deformation import Deformation
-from windmark.deformation.attached import LIKELIER
-from windmark.deformation.misfit import length_unit
 from windmark.deformation.slides import NEAR, Slide, slides_of
-from windmark.errors import g3
-from windmark.scene import Doubt, MarkerSet
+from windmark.scene import MarkerSet
 from windmark.tasks.deform.memory import displaced
+from windmark.tasks.deform.rival import Rival
 from windmark.tasks.deform.spots import OWN_PX, Labelled, near
 from windmark.tasks.deform.task import DeformationTest, Image
 
@@ -40,80 +37,6 @@ SURE = 2
 predicted place. One disc is seen by several cameras."""
 
 
-@dataclass(frozen=True)
-class Rival:
-    """The state with a part further on, and why that may be right.
-
-    Parameters
-    ----------
-    state : the one that was found, with other parameters of the part's law
-    slide : how it came there
-    more : how many spots more it explains; 0 where it explains as many
-    of_marks : how many of these are of marks that are no markers
-    sure : whether it is known that the rows do not go on beyond the table, and those spots are enough
-    """
-
-    state: Deformation
-    slide: Slide
-    more: int
-    of_marks: int
-    sure: bool
-
-    def doubt(self, found: Deformation) -> Doubt:
-        """That the state that was found may be slipped."""
-        return self._doubt("may be slipped by", self._values(self.state, found))
-
-    def as_good(self, other: Deformation, found: Deformation, apart: int) -> bool:
-        """Whether the adjusted state, ``other``, is to be thought of beside the one that was found.
-
-        Rows are never quite regular: where the places of their markers are known well enough, these tell by themselves.
-        By the spots that both have the difference of the sums of squares is a ratio of likelihoods, up to `LIKELIER`:
-        so large is chi-square of 2 in one of 100. The number of spots ``apart``, which only one of both has, adds to
-        it: chi-square of some minus chi-square of the others is as uncertain as chi-square of all of them.
-        """
-        more = int(other.used.sum()) + self.of_marks - int(found.used.sum())
-        worse = (other.chi2 - found.chi2) / max(np.nan_to_num(found.sigma0, nan=1.0), 1.0) ** 2
-        terms = 2 * apart
-        most = chdtri(2 + terms, np.exp(-LIKELIER / 2)) - terms + other.redundancy - found.redundancy
-        return more > 0 if self.more and not self.of_marks else bool(more >= min(self.more, 1) and worse < most)
-
-    def farther(self, expected: Deformation, reach_px: Mapping[str, float], test: DeformationTest) -> bool:
-        """Whether the part is so far from where it was expected, in all of some cameras."""
-        here, there = (displaced(test.markers, s).xyz[self.slide.own] for s in (expected, self.state))
-        for name, reach in reach_px.items():
-            station, pose = test.station(name), expected.cam_from_tunnel.get(name)
-            away = [station.camera.project((pose or station.cam_from_tunnel).apply(x))[0] for x in (here, there)]
-            if not np.median(np.linalg.norm(away[1] - away[0], axis=1)) > reach:
-                return False
-        return True
-
-    def taken(self, other: Deformation, found: Deformation) -> Deformation:
-        """The state with the part further on, in place of the one that was found, which is said.
-
-        That its spots are its markers' rests on those at its ends alone: something else may stand there.
-        """
-        ends = " nearer than its ends show, and was moved on"
-        doubt = self._doubt("was found", self._values(other, found), ends)
-        names = tuple(dict.fromkeys((*other.suspect, *doubt.names)))
-        return replace(other, doubts=(*other.doubts, doubt), suspect=names)
-
-    def _values(self, first: Deformation, second: Deformation) -> str:
-        return " and ".join(
-            f"{first.volumes.names[k]} = {g3(first.q[k])} in place of {g3(second.q[k])}"
-            for k in self.slide.columns.tolist()
-        )
-
-    def _doubt(self, what: str, values: str, then: str = "") -> Doubt:
-        unit = length_unit(self.state.volumes)
-        explained = f"{self.more} more of its spots are explained"
-        if not self.more:
-            explained = "as many of its spots are explained as well, and no motion before tells"
-        return Doubt((self.slide.volume,), (
-            f"{{}} {what} one spacing of {g3(self.slide.spacing)} {unit}".rstrip() + f"{then}: with {values} "
-            f"{explained}; see in the pictures which of its markers are at its ends"
-        ), "layout")  # fmt: skip
-
-
 @dataclass
 class Slips:
     """What is asked of each frame, and what is known of the rows beyond the table.
@@ -124,11 +47,13 @@ class Slips:
     beyond : camera, number of the slide -> markers at whose places after it there are spots that are no markers'; not
         there where that was never seen
     asked : cameras that were asked what is beyond the rows; one may join late
+    open : the part that was left in doubt in the last frame
     """
 
     test: DeformationTest
     beyond: dict[tuple[str, int], frozenset[int]] = field(default_factory=dict)
     asked: frozenset[str] = frozenset()
+    open: str = ""
     _slides: tuple[Slide, ...] | None = None
     _places: dict[str, tuple[object, dict[int, Ints]]] = field(default_factory=dict)
 
@@ -164,8 +89,8 @@ class Slips:
                 continue
             there = {n: self._there(images[n], n, other, slide, labelled[n], hidden.get(n)) for n in names}
             new = {n: _new(there[n], marks[n], labelled[n], own[n]) for n in names}
-            lost = {n: _lost(left[n], there[n], marks[n], labelled[n], slide, own[n]) for n in names}
-            more = sum(len(new[n]) - lost[n] for n in names)
+            less = {n: _lost(left[n], there[n], marks[n], labelled[n], slide, own[n]) for n in names}
+            more = sum(len(new[n]) - less[n] for n in names)
             by_markers = sum(len(there[n].labels) - len(left[n]) for n in names)
             rival = Rival(other, slide, max(more, 0), more - by_markers, False)
             if more <= 0:
@@ -175,7 +100,7 @@ class Slips:
                 continue
             known = [n for n in names if (n, number) in self.beyond]  # a camera that joined late knows nothing
             places = len(frozenset[Label]().union(*(new[n] for n in known)))
-            sure = min(sum(len(new[n]) - lost[n] for n in known), places) >= SURE
+            sure = min(sum(len(new[n]) - less[n] for n in known), places) >= SURE
             alike = best is not None and (more == best.more or (alike and more < best.more))
             if best is None or more > best.more:
                 best = replace(rival, sure=sure)

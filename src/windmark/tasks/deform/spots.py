@@ -84,6 +84,13 @@ class Labelled:
             np.zeros(0, np.int64), empty, np.zeros((0, 2, 2)), empty, np.zeros(0), np.zeros((0, 3)), reason=reason
         )
 
+    def without(self, markers: Ints) -> Labelled:
+        """Only the spots of other markers."""
+        keep, every = ~np.isin(self.marker, markers), ("marker", "xy", "cov", "axes_px", "angle", "by_table")
+        own = {n: getattr(self, n) for n in (*every, "eccentricity_px", "between_cov")}
+        fewer: dict[str, Any] = {n: None if v is None else v[keep] for n, v in own.items()}
+        return replace(self, **fewer)
+
     def measured_as(self, other: Labelled) -> Labelled:
         """The same labels with what others of the same image measured of the spots that both have, by their places."""
         if not (len(self.marker) and len(other.marker)) or (self.between_cov is None) != (other.between_cov is None):
