@@ -30,7 +30,7 @@ def test_of(**given):
         [f"m{k}" for k in range(len(xyz))], xyz, radius=5.0, normal=np.tile([0.0, 0.0, -1.0], (len(xyz), 1)),
         volume=np.array(["body"] * len(BODY) + ["panel"] * len(PANEL)),
     )  # fmt: skip
-    volumes = Volumes.of([Volume("body"), Volume("panel", slide, parent="body")], "mm")
+    volumes = Volumes.of([Volume("body"), Volume("panel", given.pop("law", slide), parent="body")], "mm")
     stations = (Station("cam", CAMERA, AWAY), *given.pop("more", ()))
     return DeformationTest(stations, markers, volumes, look=LookOptions((5.0,)), **given)
 

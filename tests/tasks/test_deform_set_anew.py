@@ -1,9 +1,12 @@
 """A part that its law moved farther than it was looked for: found by most of its markers, or in doubt."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from sliding_panel import BEYOND, PANEL, followed, image, test_of, values
+from sliding_panel import BEYOND, BODY, PANEL, followed, image, test_of, values
 
+from windmark.deformation import law
 from windmark.tasks.deform import set_anew
 
 UNEVEN = PANEL + np.c_[np.random.default_rng(5).uniform(-4.0, 4.0, (len(PANEL), 2)), np.zeros(len(PANEL))]
@@ -25,6 +28,23 @@ def test_a_first_frame_with_a_part_that_is_set_otherwise_is_found_where_its_mark
     assert values(frames) == pytest.approx([40.0, 41.0], abs=0.05)
     assert [f.status for f in frames] == ["cold", "tracked"]
     assert [f.reason for f in frames] == ["panel was found set anew: panel.s = 40", ""]
+
+
+@law(angle="deg")
+def turn(X, angle):
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    hinge = UNEVEN[2]
+    return hinge + (X - hinge) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
+
+
+def test_an_angle_that_comes_round_is_asked_for_one_turn_and_taken_the_shorter_way():
+    """Its markers have the same spots a turn further on, and eight turns further on."""
+    panel, true = UNEVEN[[2, 3, 4, 7, 8, 9]], [0.0, -110.0, 60.0]
+    rows = np.r_[np.arange(len(BODY)), len(BODY) + np.array([2, 3, 4, 7, 8, 9])]
+    whole = test_of(panel=UNEVEN, law=turn)
+    test = replace(whole, markers=whole.markers.take(rows))
+    frames = followed(*(image(0.0, turn.function(panel, angle)) for angle in true), test=test)
+    assert values(frames) == pytest.approx(true, abs=0.05)
 
 
 def test_a_part_that_is_covered_for_the_most_part_is_where_the_rest_of_it_is_and_in_no_doubt():

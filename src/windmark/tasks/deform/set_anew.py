@@ -204,11 +204,16 @@ class _Peak:
     """Parameters of all laws, where that puts the markers in each picture, and how many spots these come onto."""
 
     q: Array
-    xy: Array
+    xy: Array  # NaN out of the picture
     spots: int
     in_view: int
     by_chance: float
     off2: float
+
+    def is_at(self, other: _Peak) -> bool:
+        """Whether it is the same place, by a step: an angle comes round."""
+        out = np.isnan(self.xy) & np.isnan(other.xy)
+        return bool((out | (np.abs(self.xy - other.xy) < 2 * REACH_PX)).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,14 +240,17 @@ class _Way:
 
     def peaks(self) -> list[_Peak]:
         """The best place, and the next best one apart from it, of those that are no chance."""
-        walked = [*reversed(self._walked(-1.0)), *self._walked(1.0)]
+        back, on = self._walked(-1.0), self._walked(1.0)
+        walked = [*reversed(back), *on]
+        if on and self._comes_round(on):  # half a turn each way is all of it
+            walked = [*reversed(back[: len(back) // 2]), *on[: len(on) // 2 + 1]]
         best: list[int] = []
         for k in sorted(range(len(walked)), key=lambda k: (-walked[k].spots, walked[k].off2)):
             at = walked[k]
             few = at.spots < max(LEAST, HALF * at.in_view)
             if few or len(walked) * pdtrc(at.spots - 1, at.by_chance) > CHANCE:
                 continue
-            if all(abs(k - other) > APART for other in best):
+            if all(abs(k - other) > APART and not at.is_at(walked[other]) for other in best):
                 best.append(k)
             if len(best) > 1:
                 break
@@ -267,9 +275,14 @@ class _Way:
                 continue
             out.append(after)
             at = after
-            if not at.in_view:
+            if not at.in_view or self._comes_round(out):
                 break
         return out
+
+    def _comes_round(self, walked: list[_Peak]) -> bool:
+        """Whether the markers are back where they were first, after they had been elsewhere."""
+        first, last = walked[0], walked[-1]
+        return len(walked) > 2 * APART and last.is_at(first) and not walked[len(walked) // 2].is_at(first)
 
     def _at(self, q: Array) -> _Peak | None:
         """What the markers come onto with some parameters; None where the laws have no place."""
