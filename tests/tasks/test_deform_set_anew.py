@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sliding_panel import BEYOND, BODY, PANEL, followed, image, test_of, values
+from sliding_panel import BEYOND, BODY, PANEL, PITCH, followed, image, test_of, values
 
 from windmark.deformation import law
 from windmark.tasks.deform import set_anew
@@ -20,6 +20,18 @@ def test_a_part_that_jumps_by_about_the_distance_of_its_uneven_markers_is_right_
     frames = followed(*(image(s, np.vstack([UNEVEN, marks])) for s in true), test=test_of(panel=UNEVEN))
     assert values(frames) == pytest.approx(true, abs=0.05)
     assert all(len(f.observations) == 22 and not f.state.doubts for f in frames)
+
+
+def test_a_single_row_that_jumped_far_and_is_known_by_one_spot_is_in_doubt_with_both_values():
+    """A screw beyond one end, the other one hidden: the spot that is one more is no marker's."""
+    rows = np.r_[np.arange(len(BODY) + 5)]
+    whole = test_of(wind_off=("0",))
+    test = replace(whole, markers=whole.markers.take(rows))
+    row, screw = PANEL[:5], PANEL[4:5] + PITCH
+    frames = followed(image(0.0, row), image(80.0, np.vstack([row[1:], screw])), test=test)
+    (doubt,) = frames[1].state.doubts
+    assert "panel may be set otherwise: with panel.s = 80" in str(doubt) or "in place of panel.s = 80" in str(doubt)
+    assert "only one of its markers in view has no spot" in str(doubt)
 
 
 def test_a_first_frame_with_a_part_that_is_set_otherwise_is_found_where_its_markers_are():

@@ -16,11 +16,20 @@ from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.looking import Looking
 from windmark.tasks.deform.memory import displaced, predicted
 from windmark.tasks.deform.rival import Rival
-from windmark.tasks.deform.set_anew import LEAST, REACH_PX, Part, Thin, holding, parts_of, thin_parts, whereabouts
+from windmark.tasks.deform.set_anew import (
+    LEAST,
+    REACH_PX,
+    Thin,
+    Whereabouts,
+    holding,
+    parts_of,
+    thin_parts,
+    whereabouts,
+)
 from windmark.tasks.deform.settling import FEWER, Settler, own_camera
 from windmark.tasks.deform.slipped import Slips
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, near
-from windmark.tasks.deform.states import both_reasons, implausible
+from windmark.tasks.deform.states import both_reasons, doubted, implausible
 from windmark.tasks.deform.task import DeformationTest, FrameImages, Image
 from windmark.tasks.deform.walls import without_walls
 from windmark.tasks.deform.why import set_otherwise
@@ -66,7 +75,7 @@ class Finder:
         self.last: dict[str, Labelled] = {}
         self.left_out: dict[str, str] = {}
         self.slips, self._parts, self.thin = Slips(test), parts_of(test), Thin()
-        self._anew = list[Part]()  # parts that were found set anew in this frame
+        self._anew = list[Whereabouts]()  # parts that were found set anew in this frame
 
     def handed_on(self) -> dict[str, Any]:
         """A copy of what the next frame goes on with."""
@@ -80,7 +89,7 @@ class Finder:
 
     def find(self, images: dict[str, Image], frame: FrameImages) -> Found:
         """The state of one instant."""
-        self.last, self._anew = {}, list[Part]()
+        self.last, self._anew = {}, list[Whereabouts]()
         self._settler.begin()
         out = Found()
         if self._settler.memory is not None and self.believed(images):
@@ -92,7 +101,9 @@ class Finder:
             return out
         self._find_parts(images, out)
         if out.jumped:
-            out.troubles += [f"{p.name} was found set anew: {p.values(out.answer[0])}" for p in self._anew]
+            found = out.answer[0]
+            out.troubles += [f"{w.part.name} was found set anew: {w.part.values(found)}" for w in self._anew]
+            out.answer = (doubted(found, *(d for w in self._anew for d in w.doubt(found))), *out.answer[1:])
         state, labelled, *rest = self._unslipped(out.answer, images, frame, cold=out.status == "cold")
         thin = thin_parts(self._parts, self._test, state, labelled, self._settler.hidden)
         out.answer = (self.thin.doubted(self._parts, state, labelled, out.spots, thin), labelled, *rest)
@@ -258,8 +269,8 @@ class Finder:
         for part in self._parts:
             if part.name in thin:
                 found = whereabouts(part, replace(state, q=q), seen, own, self._test)
-                q = q if found is None else found
-                self._anew += [] if found is None else [part]
+                q = q if found is None else found.q
+                self._anew += [] if found is None else [found]
         if not self._anew:
             return None
         found = self._settler.there(images, replace(state, q=q), seen, REACH_PX)
@@ -289,9 +300,9 @@ class Finder:
             self._settler.solved = before
             # What explains more spots and is not taken may be right all the same.
             if as_good or rival.more:
-                doubt, self.slips.open = rival.doubt(state), rival.slide.volume
-                names = tuple(dict.fromkeys((*state.suspect, *doubt.names)))
-                return replace(state, doubts=(*state.doubts, doubt), suspect=names), labelled, *rest
+                # A tie in a first frame is one of the whole series, which is said there.
+                self.slips.open = rival.slide.volume if rival.more or not cold else ""
+                return doubted(state, rival.doubt(state)), labelled, *rest
         return found
 
     def _told(self, rival: Rival, state: Deformation, frame: FrameImages, cold: bool, was_open: str) -> bool:

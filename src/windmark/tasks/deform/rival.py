@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
@@ -15,8 +15,12 @@ from windmark.deformation.slides import Slide
 from windmark.errors import g3
 from windmark.scene import Doubt
 from windmark.tasks.deform.memory import displaced
+from windmark.tasks.deform.states import doubted
 from windmark.tasks.deform.task import DeformationTest
 
+SURE = 2
+"""So many spots more than the other explanation has, at so many places, are no chance: each is within a pixel of its
+predicted place. One disc is seen by several cameras."""
 NEARER = 1 / 3
 """Of two places a spacing apart that is the one that was expected which is nearer to it by this factor."""
 
@@ -86,9 +90,7 @@ class Rival:
         That its spots are its markers' rests on those at its ends alone: something else may stand there.
         """
         ends = " nearer than its ends show, and was moved on"
-        doubt = self._doubt("was found", self._values(other, found), ends)
-        names = tuple(dict.fromkeys((*other.suspect, *doubt.names)))
-        return replace(other, doubts=(*other.doubts, doubt), suspect=names)
+        return doubted(other, self._doubt("was found", self._values(other, found), ends))
 
     def _values(self, first: Deformation, second: Deformation) -> str:
         return " and ".join(

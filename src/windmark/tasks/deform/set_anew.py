@@ -26,7 +26,9 @@ from windmark.errors import g3
 from windmark.geometry import Camera, Pose
 from windmark.scene import Detections, Doubt
 from windmark.tasks.deform.memory import displaced
+from windmark.tasks.deform.rival import SURE
 from windmark.tasks.deform.spots import OWN_PX, Labelled
+from windmark.tasks.deform.states import doubted
 from windmark.tasks.deform.task import DeformationTest
 from windmark.tasks.predictions import from_camera
 
@@ -126,8 +128,8 @@ def free_spots(spots: Mapping[str, Detections | str], taken: Mapping[str, Array]
 def whereabouts(
     part: Part, state: Deformation, labelled: Mapping[str, Labelled], spots: Mapping[str, Detections | str],
     test: DeformationTest,
-) -> Array | None:  # fmt: skip
-    """Parameters (K,) of all laws with one of a part's so that its markers have spots; None where nothing tells.
+) -> Whereabouts | None:  # fmt: skip
+    """One parameter of a part's law so that its markers have spots; None where nothing tells.
 
     Parameters
     ----------
@@ -140,7 +142,36 @@ def whereabouts(
     peaks = [peak for column in part.columns for peak in _Way.of(part, column, state, views, test).peaks()]
     peaks.sort(key=lambda peak: -peak.spots)
     # What fits as well elsewhere tells nothing.
-    return peaks[0].q if peaks and all(p.spots < peaks[0].spots for p in peaks[1:]) else None
+    if not peaks or (len(peaks) > 1 and peaks[1].spots == peaks[0].spots):
+        return None
+    near = [p.q for p in peaks[1:2] if p.spots > peaks[0].spots - SURE]
+    return Whereabouts(part, peaks[0].q, near[0] if near else None)
+
+
+@dataclass(frozen=True, eq=False)
+class Whereabouts:
+    """Where a part is.
+
+    Parameters
+    ----------
+    part : it
+    q : (K,) parameters of all laws
+    or_q : ... of another place, at which one marker fewer has a spot; None if it is clear
+    """
+
+    part: Part
+    q: Array
+    or_q: Array | None
+
+    def doubt(self, state: Deformation) -> tuple[Doubt, ...]:
+        """That the part may be at the other place: a row by which it is known may lack a marker and have a mark."""
+        if self.or_q is None:
+            return ()
+        other = self.part.values(replace(state, q=self.or_q))
+        return (Doubt((self.part.name,), (
+            f"{{}} may be set otherwise: with {other} in place of {self.part.values(state)} only one of its markers in "
+            "view has no spot; see in the pictures which of its markers are at its ends"
+        ), "layout"),)  # fmt: skip
 
 
 def in_doubt(part: Part, state: Deformation, seen: int, expected: int, more: int) -> Doubt:
@@ -181,8 +212,7 @@ class Thin:
             in_doubt(part, state, *thin[part.name], self.more[part.name]) for part in parts
             if part.name in thin and self.more.get(part.name, 0) >= HALF * (thin[part.name][1] - thin[part.name][0])
         ]  # fmt: skip
-        names = tuple(dict.fromkeys((*state.suspect, *(n for d in doubts for n in d.names))))
-        return replace(state, doubts=(*state.doubts, *doubts), suspect=names) if doubts else state
+        return doubted(state, *doubts)
 
 
 @dataclass(frozen=True, eq=False)

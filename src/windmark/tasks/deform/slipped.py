@@ -23,7 +23,7 @@ from windmark.deformation import Deformation
 from windmark.deformation.slides import NEAR, Slide, slides_of
 from windmark.scene import MarkerSet
 from windmark.tasks.deform.memory import displaced
-from windmark.tasks.deform.rival import Rival
+from windmark.tasks.deform.rival import SURE, Rival
 from windmark.tasks.deform.spots import OWN_PX, Labelled, near
 from windmark.tasks.deform.task import DeformationTest, Image
 
@@ -31,10 +31,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Label = tuple[int, int]
 Masks = Mapping[str, NDArray[np.bool_]]
-
-SURE = 2
-"""So many spots more than the other explanation has, at so many places, are no chance: each is within a pixel of its
-predicted place. One disc is seen by several cameras."""
 
 
 @dataclass

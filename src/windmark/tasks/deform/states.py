@@ -13,7 +13,7 @@ from windmark.deformation import Deformation, NotIdentified, identify
 from windmark.deformation.ends import NO_PLACE
 from windmark.deformation.solve import Solved
 from windmark.geometry import Pose
-from windmark.scene import Observations, View
+from windmark.scene import Doubt, Observations, View
 from windmark.tasks.deform.spots import Labelled
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, Station
 
@@ -63,6 +63,12 @@ def what_is_free(test: DeformationTest, names: tuple[str, ...]) -> dict[str, Any
         "pose_cov": {s.name: s.pose_cov for s in stations if s.moves and s.pose_cov is not None},
         "free_focal": [s.name for s in stations if s.free_focal],
     }  # fmt: skip
+
+
+def doubted(state: Deformation, *doubts: Doubt) -> Deformation:
+    """A state with more doubts."""
+    names = tuple(dict.fromkeys((*state.suspect, *(n for d in doubts for n in d.names))))
+    return replace(state, doubts=(*state.doubts, *doubts), suspect=names) if doubts else state
 
 
 def start_pose(station: Station, spots: Labelled) -> Pose:
