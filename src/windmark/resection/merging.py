@@ -112,7 +112,7 @@ def merge_views(
     value, variance, weight = stacked_values([s.taken for s in shown])
     well = np.stack([s.taken.taper > WELL for s in shown]) & np.isfinite(value)
     gains = overlap_gains(
-        value, variance, well, _regions(mesh),
+        value, variance, well, _regions(mesh), place=mesh.vertices,
         reference=names.index(reference) if reference in names else None, offset=offset, estimate=gain == "overlap",
     )  # fmt: skip
     keep = np.flatnonzero(gains.linked)
