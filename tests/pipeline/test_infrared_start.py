@@ -93,3 +93,25 @@ def test_a_run_says_it_and_one_with_frames_before_the_heating_does_not(tmp_path)
     assert run_of(tmp_path, values, t, 0.3) == ""
     assert run_of(tmp_path, values[6:], t[6:], 0.3) == ""
     assert "before heat.start_s" in run_of(tmp_path, values, t, 0.5)
+
+
+def drifting(rate, seed, jitter=0.0, steps=40):
+    """A film of which the first quarter is from before the heating, by a camera that drifts."""
+    values, t = film(-0.5, seed=seed, steps=steps)
+    level = rate * t + jitter * np.random.default_rng(seed).standard_normal(steps)
+    return [v + of for v, of in zip(values, level, strict=True)], t
+
+
+def test_a_camera_that_drifts_is_said_with_what_it_comes_to_by_the_end(tmp_path):
+    """0.2 K before the heating is a small part of the whole rise; four times that is in the heat flux."""
+    for k, rate in enumerate((0.4, 0.06, -0.06)):
+        values, t = drifting(rate, k)
+        said = run_of(tmp_path / str(k), values, t, 0.5)
+        words = said.split("At that rate it is ")[1]
+        assert float(words.split(" K")[0]) == pytest.approx(rate * t[-1], rel=0.1)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.01])
+def test_a_camera_that_does_not_drift_is_not_said_to(tmp_path, jitter):
+    said = [run_of(tmp_path / str(k), *drifting(0.0, k, jitter), 0.5) for k in range(20)]
+    assert said == [""] * 20

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from windmark import io, resection, synth
-from windmark.geometry import Pose
+from windmark.geometry import Camera, Pose
 from windmark.pipeline.at_pose import AtPose, markers_at_pose
 from windmark.pipeline.job import run_project
 from windmark.pipeline.misfits import misfits, with_misfits
@@ -21,10 +21,10 @@ from windmark.pipeline.verdict.given import empty_lists, given_pose
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.pair import pair_verdict
 from windmark.pipeline.verdict.picture import picture_findings, picture_state, series_fields
-from windmark.pipeline.verdict.run import _contradicted, run_verdict
+from windmark.pipeline.verdict.run import _contradicted, _on_seams, run_verdict
 from windmark.pipeline.verdict.track import track_verdict
 from windmark.registration import register
-from windmark.scene import Detections
+from windmark.scene import Detections, Mesh, structured_triangles
 from windmark.tasks.clicked_pair import Clicks, clicked_pair
 from windmark.tasks.follow import FollowedFrame, FollowOptions, follow
 
@@ -65,6 +65,28 @@ def other_gamma(image):
 @pytest.mark.slow
 def test_two_pictures_of_one_surface_do_not_contradict_each_other(pair):
     assert _contradicted([merged(pair)]) == []
+    assert _on_seams([merged(pair)]) == []
+
+
+def test_steps_along_a_part_of_a_seam_are_told():
+    """One lens shades: one gain fits the middle of the seam, and its ends differ to both sides."""
+    x, y = np.meshgrid(np.linspace(-2, 2, 60), np.linspace(-1.5, 1.5, 46))
+    mesh = Mesh.make(np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1), structured_triangles(60, 46))
+    camera, rng = Camera((320, 240), 420.0), np.random.default_rng(1)
+    row = np.linspace(-1, 1, 240)[:, None]
+
+    def seams(slope):
+        shown = []
+        for k, eye in enumerate((-1.0, 1.0)):
+            image = 1000 * (1 + k * slope * row) * np.ones((240, 320)) + 10 * rng.standard_normal((240, 320))
+            pose = Pose.look_at([eye, 0.0, 6.0], [eye, 0.0, 0.0], [0.0, 1.0, 0.0])
+            shown.append(resection.Picture(f"cam{k + 1}", image, camera, pose, noise=10.0))
+        return _on_seams([resection.merge_views(mesh, shown)])
+
+    assert seams(0.0) == []
+    (found,) = seams(0.2)
+    assert (found.word, found.cause) == (DOUBTFUL, "cameras")
+    assert "along their seam" in found.reason
 
 
 @pytest.mark.parametrize("fault", [dark_half, other_gamma])

@@ -13,6 +13,7 @@ from windmark.paint.form_factors import FormFactors, form_factors
 from windmark.paint.heat_flux import HeatFlux, heat_flux
 from windmark.paint.in_situ import InSitu, in_situ
 from windmark.paint.lateral import curvature_sum, lateral_conductance, lateral_conduction, node_laplacian
+from windmark.paint.lateral_scales import LateralScale, lateral_scales, widest_agreed
 from windmark.paint.loads import Loads, integrate_loads, load_operator
 from windmark.paint.modes import MOST_MODES, NodeField, combined, interpolated
 from windmark.paint.patches import FilledField, disc_nodes, fill_patches, polygon_nodes
@@ -40,17 +41,17 @@ from windmark.paint.walls import Layer, Wall
 
 __all__ = [
     "AveragedFrames", "COEFFICIENTS", "CameraSeams", "CamerasApart", "Carried", "EmissivityTable", "FLAGS",
-    "FilledField", "FluxOperator", "FormFactors", "HeatFlux", "InSitu", "Intensity", "Inversion", "Layer", "Linearity",
-    "LoadReference", "Loads", "MOST_MODES", "MergedCameras", "NodeField", "NotFitted", "PIXEL_FLAGS", "PaintFit",
-    "PhotonTransfer", "PlanckBand", "PolynomialRadiance", "PressureMap", "SECTION_LOADS", "SectionProfile",
-    "SelfIllumination", "SensorModel", "SensorRadiance", "SpanLoading", "SternVolmer", "TemperaturePaint",
-    "TunnelConditions", "TunnelGain", "Wall", "add_self_illumination", "average_frames", "before_start", "carried",
-    "combined", "correct_picture", "curvature_sum", "dielectric_emissivity", "disc_nodes", "dominant", "enough",
-    "fewer_modes", "fill_patches", "fill_smoothly", "fit_paint", "fit_sensor_radiance", "fit_temperature_paint",
-    "flux_operator", "form_factors", "form_ratio", "given_temperature", "heat_flux", "in_situ", "integrate_loads",
-    "interpolated", "lateral_conductance", "lateral_conduction", "load_operator", "mean_dark", "mean_flat",
-    "mean_reference", "merge_cameras", "node_laplacian", "node_shares", "photon_transfer", "polygon_nodes",
-    "pressure_coefficient", "pressure_map", "recovery_temperature", "reference_at", "reference_shares",
-    "remove_self_illumination", "section_profile", "span_loading", "stranded", "surface_temperature",
-    "thermocouple_temperature", "varying",
+    "FilledField", "FluxOperator", "FormFactors", "HeatFlux", "InSitu", "Intensity", "Inversion", "LateralScale",
+    "Layer", "Linearity", "LoadReference", "Loads", "MOST_MODES", "MergedCameras", "NodeField", "NotFitted",
+    "PIXEL_FLAGS", "PaintFit", "PhotonTransfer", "PlanckBand", "PolynomialRadiance", "PressureMap", "SECTION_LOADS",
+    "SectionProfile", "SelfIllumination", "SensorModel", "SensorRadiance", "SpanLoading", "SternVolmer",
+    "TemperaturePaint", "TunnelConditions", "TunnelGain", "Wall", "add_self_illumination", "average_frames",
+    "before_start", "carried", "combined", "correct_picture", "curvature_sum", "dielectric_emissivity", "disc_nodes",
+    "dominant", "enough", "fewer_modes", "fill_patches", "fill_smoothly", "fit_paint", "fit_sensor_radiance",
+    "fit_temperature_paint", "flux_operator", "form_factors", "form_ratio", "given_temperature", "heat_flux",
+    "in_situ", "integrate_loads", "interpolated", "lateral_conductance", "lateral_conduction", "lateral_scales",
+    "load_operator", "mean_dark", "mean_flat", "mean_reference", "merge_cameras", "node_laplacian", "node_shares",
+    "photon_transfer", "polygon_nodes", "pressure_coefficient", "pressure_map", "recovery_temperature", "reference_at",
+    "reference_shares", "remove_self_illumination", "section_profile", "span_loading", "stranded",
+    "surface_temperature", "thermocouple_temperature", "varying", "widest_agreed",
 ]  # fmt: skip

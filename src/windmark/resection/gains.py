@@ -23,6 +23,8 @@ CUT = 2.4
 """Nodes whose misfit is so many times the usual one count half (Cauchy's weight): markers, dirt, glints."""
 GROUPS = 8
 """Regions of the surface that are enough to see how far neighbours are off together."""
+NEIGHBOURS = 3
+"""Regions nearest to each that are compared with it."""
 _CHI_MEDIAN = 0.4549364
 """Median of chi-square with one degree of freedom."""
 _SAME = 1e-10
@@ -63,6 +65,7 @@ def overlap_gains(
     use: Mask,
     region: NDArray[np.int64],
     *,
+    place: Array | None = None,
     reference: int | None,
     offset: bool,
     estimate: bool,
@@ -74,6 +77,7 @@ def overlap_gains(
     value, variance : (C, N), NaN where a picture has none
     use : (C, N) seen well
     region : (N,) number of the part of the surface a node lies in
+    place : (N, 3) where the nodes are; without it all regions count as independent
     reference : None: of the pictures that are joined by overlaps and see most, the first
     offset : a common grey level of each picture is unknown, too
     estimate : False leaves all gains at 1; overlap and systematic difference are still found
@@ -91,9 +95,10 @@ def overlap_gains(
         gain[~linked] = shift[~linked] = np.nan
     systematic = _systematic(value, variance, use & linked[:, None], gain, shift)
     if estimate and systematic > 0:
-        # What no gain explains acts over whole regions, and is in the gains as one error of each region.
+        # What no gain explains acts over whole regions, and is in the gains as one error of each that is independent.
         free = np.flatnonzero(linked & (np.arange(count) != reference))
-        cov[free, free] += 2 * (systematic * gain[free]) ** 2 / len(np.unique(region[use.sum(axis=0) > 1]))
+        alone = _independent_regions(value, use & linked[:, None], gain, shift, region, place)
+        cov[free, free] += 2 * (systematic * gain[free]) ** 2 / alone
     sigma = np.sqrt(np.maximum(np.diag(cov), 0))
     return Gains(gain, shift, np.where(linked, sigma[:count], np.nan), np.where(linked, sigma[count:], np.nan), cov,
                  linked, overlap, reference, systematic, estimate)  # fmt: skip
@@ -230,3 +235,38 @@ def _systematic(value: Array, variance: Array, use: Mask, gain: Array, shift: Ar
         middle = 0.5 * (low + high)
         low, high = (middle, high) if excess(middle) > 0 else (low, middle)
     return 0.5 * (low + high)
+
+
+def _independent_regions(
+    value: Array, use: Mask, gain: Array, shift: Array, region: NDArray[np.int64], place: Array | None
+) -> float:
+    """How many of the regions are off independently of each other: a lens that shades is off over all of them alike.
+
+    The correlation r of neighbouring regions is one less the mean square of their differences over twice the variance
+    of all (Geary, The Incorporated Statistician 5, 1954); a mean over n regions whose correlation falls by r from one
+    to the next, in two directions, has the variance of n ((1 - r) / (1 + r))^2 independent ones.
+    """
+    seen = use.sum(axis=0) > 1
+    count = len(np.unique(region[seen]))
+    if place is None or count < GROUPS:
+        return float(count)
+    from scipy.spatial import cKDTree
+
+    square = beside = 0.0
+    for a in range(len(value)):
+        for b in range(a):
+            both = np.flatnonzero(use[a] & use[b])
+            names, of = np.unique(region[both], return_inverse=True)
+            if len(names) < GROUPS:
+                continue
+            va, vb = ((value[k, both] - shift[k]) / gain[k] for k in (a, b))
+            off = (va - vb) / np.maximum(0.5 * np.abs(va + vb), 1e-300)
+            middle = np.array([np.median(off[of == k]) for k in range(len(names))])
+            where = np.array([place[both[of == k]].mean(axis=0) for k in range(len(names))])
+            near = cKDTree(where).query(where, k=NEIGHBOURS + 1)[1][:, 1:]
+            square += len(names) * float(np.var(middle, ddof=1))
+            beside += 0.5 * float(np.mean((middle[near] - middle[:, None]) ** 2)) * len(names)
+    if not square > 0:
+        return float(count)
+    r = min(max(1 - beside / square, 0.0), 1.0)
+    return max(1.0, count * ((1 - r) / (1 + r)) ** 2)

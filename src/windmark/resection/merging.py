@@ -112,7 +112,7 @@ def merge_views(
     value, variance, weight = stacked_values([s.taken for s in shown])
     well = np.stack([s.taken.taper > WELL for s in shown]) & np.isfinite(value)
     gains = overlap_gains(
-        value, variance, well, _regions(mesh),
+        value, variance, well, regions(mesh), place=mesh.vertices,
         reference=names.index(reference) if reference in names else None, offset=offset, estimate=gain == "overlap",
     )  # fmt: skip
     keep = np.flatnonzero(gains.linked)
@@ -201,7 +201,7 @@ def _too_few(names: Sequence[str], left: Mapping[str, str]) -> str:
     return f"merging needs two pictures, {have}" + (f"; {why}" if why else "")
 
 
-def _regions(mesh: Mesh) -> NDArray[np.int64]:
+def regions(mesh: Mesh) -> NDArray[np.int64]:
     """(V,) in which cube of a tenth of the mesh's size a node lies."""
     size = max(mesh.size, 1e-300) / REGIONS
     low = mesh.box[0]

@@ -9,7 +9,7 @@ from windmark import io
 from windmark.pipeline.light import light_of
 from windmark.tasks import deform
 from windmark.tasks.deform import DeformationTest, DeformedFrame, FrameImages, Station
-from windmark.tasks.deform.task import Image, wrong_size
+from windmark.tasks.deform.task import Image, Reader, wrong_size
 
 
 def read(item: io.PictureFile | Image, station: Station) -> Image:
@@ -43,7 +43,8 @@ def _checked(image: Image, item: io.PictureFile | Image, station: Station) -> Im
 
 
 def follow_deformation(
-    frames: Iterable[FrameImages], test: DeformationTest, *, handed_on: dict[str, Any] | None = None
-) -> Iterator[DeformedFrame]:
+    frames: Iterable[FrameImages], test: DeformationTest, *, read: Reader = read,
+    handed_on: dict[str, Any] | None = None,
+) -> Iterator[DeformedFrame]:  # fmt: skip
     """`tasks.deform.follow_deformation` of images and files alike."""
     return deform.follow_deformation(frames, test, read=read, handed_on=handed_on)

@@ -23,7 +23,7 @@ from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.outputs import Writer
 from windmark.pipeline.deform.pictured import Gallery
-from windmark.pipeline.deform.pictures import follow_deformation
+from windmark.pipeline.deform.pictures import follow_deformation, read
 from windmark.pipeline.deform.points import PointMapper
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.record import MISFIT, FrameRecord, record
@@ -46,7 +46,7 @@ from windmark.pipeline.resume import Stopped, check_state, cut, read_stopped
 from windmark.pipeline.same_run import check_begun, check_pictures
 from windmark.scene import View
 from windmark.tasks.deform.states import identified_again
-from windmark.tasks.deform.task import DeformedFrame, FrameImages
+from windmark.tasks.deform.task import DeformedFrame, FrameImages, Reader
 
 Array = NDArray[np.float64]
 
@@ -318,7 +318,7 @@ def time_of(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_h
 
 
 def zeroed(
-    loaded: Loaded, timeline: Timeline
+    loaded: Loaded, timeline: Timeline, read: Reader = read
 ) -> tuple[Loaded, Zero | None, Array | None, list[tuple[DeformedFrame, FrameImages]]]:
     """The test with the markers where the wind-off frames show them, the wind-off state, and these frames."""
     project = loaded.project
@@ -328,7 +328,7 @@ def zeroed(
     good, why = [], ""
     shown: set[tuple[tuple[str, int], ...]] = set()
     for key, images in wanted.items():  # each for itself: wind-off frames may be far apart
-        frame = next(follow_deformation([images], replace(loaded.test, wind_off=(images.key,))))
+        frame = next(follow_deformation([images], replace(loaded.test, wind_off=(images.key,)), read=read))
         pictures = tuple((name, sight.picture) for name, sight in frame.cameras.items() if sight.picture)
         if frame.state is None:
             why = f"frame {key}: {frame.reason}"

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.io.atomic import atomic_path
-from windmark.paint import FluxOperator, NodeField, before_start, flux_operator, lateral_conductance, node_laplacian
+from windmark.paint import FluxOperator, NodeField, before_start, flux_operator
 from windmark.pipeline.infrared.load import InfraredRun
+from windmark.pipeline.infrared.sideways import ALONG, Sideways
 from windmark.pipeline.infrared.store import MODES, VALUE, WEIGHT, WHITE, Store
 from windmark.tasks.infrared import (
     CURVED,
@@ -37,6 +38,8 @@ NEW = ("registration:1", "registration:2", "registration:3")
 WALL = "wall"
 MOST = 0.5
 """Part of the nodes that could have a heat flux from which a frame without it is told."""
+OFTEN = 0.9
+"""Part of the frames in which a node has a heat flux from which it counts for heat along the surface."""
 
 
 def make_fluxes(run: InfraredRun, store: Store, indices: Sequence[int]) -> tuple[int, ...]:
@@ -147,30 +150,32 @@ class FieldMaker:
         heat = run.project.heat
         self._initial: tuple[Array, Array] | None = None
         if frames and heat is not None:
-            scaled = replace(run.mesh, vertices=run.mesh.vertices * run.metres)
-            self._along = node_laplacian(scaled)
-            self._square = self._along.multiply(self._along)
             before = before_start(run.times[list(frames)], heat.start_s)
             self._before = [i for i, b in zip(frames, before, strict=True) if b]
             self._initial = self._mean(self._before)
-            self._ever = self._with_flux()
+            count = self._with_flux()
+            self._ever = count > 0 if count.any() else np.asarray(run.wall_of >= 0)
+            often = count >= OFTEN * max(count.max(), 1)
+            self._sideways = Sideways(run, often, self._initial, self._merged, frames)
 
-    def _with_flux(self) -> Mask:
-        """(V,) nodes that have a heat flux in any frame; where there are none, those that could have one."""
-        ever = np.zeros(len(self._run.mesh.vertices), bool)
-        for of in self._files.values():
-            for frame in of:
-                ever |= np.isfinite(frame[0])
-        return ever if ever.any() else np.asarray(self._run.wall_of >= 0)
+    def _with_flux(self) -> NDArray[np.int64]:
+        """(V,) in how many frames nodes have a heat flux."""
+        count = np.zeros(len(self._run.mesh.vertices), np.int64)
+        for place in self._place.values():
+            count += np.any([np.isfinite(of[place][0]) for of in self._files.values()], axis=0)
+        return count
+
+    def _merged(self, index: int) -> NodeField | None:
+        merged, _ = merged_temperature(self._store.temperatures(index))
+        return None if merged is None else merged.field
 
     def _mean(self, indices: Sequence[int]) -> tuple[Array, Array]:
         """(V,) mean of merged temperatures over frames, and its variance by noise."""
         values, noise = [], []
         for index in indices:
-            merged, _ = merged_temperature(self._store.temperatures(index))
-            if merged is not None:
-                values.append(np.where(merged.field.known, merged.field.value, np.nan))
-                noise.append(np.where(merged.field.known, merged.field.white, np.nan))
+            if (field := self._merged(index)) is not None:
+                values.append(np.where(field.known, field.value, np.nan))
+                noise.append(np.where(field.known, field.white, np.nan))
         stack, white = np.array(values), np.array(noise)
         count = np.isfinite(stack).sum(axis=0)
         total = np.where(count > 0, np.nansum(stack, axis=0), np.nan) / np.maximum(count, 1)
@@ -194,7 +199,8 @@ class FieldMaker:
         kept = np.bitwise_and.reduce([np.where(c.field.known, c.flags, 0xFFFF).astype(np.uint16) for c in own.values()])
         flags = flags | np.where(flux.known, kept, why).astype(np.uint16)
         said = self._missing(index, merged.field, flux, flags)
-        return FrameFields(merged.field, flux, self._sideways(index, merged.field, flux, flags), merged.source, said)
+        flux, flags = self._with_sideways(index, merged.field, flux, flags)
+        return FrameFields(merged.field, flux, flags, merged.source, said)
 
     def _missing(self, index: int, temperature: NodeField, flux: NodeField, flags: Flags) -> str:
         """See `FrameFields.no_flux`: what is said of most of these nodes, in words."""
@@ -215,19 +221,18 @@ class FieldMaker:
         field = NodeField(data[0], np.where(good, data[1], 0.0), data[modes].T * good[:, None], names, "W/m2")
         return CameraTemperature(field, np.where(good, data[2], 0.0), data[3].astype(np.uint16))
 
-    def _sideways(self, index: int, temperature: NodeField, flux: NodeField, flags: Flags) -> Flags:
-        """Flags with those of nodes whose heat flows along the surface, by more than noise."""
-        run, heat = self._run, self._run.project.heat
+    def _with_sideways(
+        self, index: int, temperature: NodeField, flux: NodeField, flags: Flags
+    ) -> tuple[NodeField, Flags]:
+        """What flows along the surface put into the sigma, and flagged where it surely is too large a part."""
+        heat = self._run.project.heat
         assert heat is not None
-        assert self._initial is not None
-        since = float(run.times[index]) - heat.start_s
-        rise = np.where(temperature.known, temperature.value, np.nan) - self._initial[0]
-        curve = self._along @ rise
-        noise = np.sqrt(np.maximum(self._square @ (temperature.white + self._initial[1]), 0.0))
-        by = np.array([lateral_conductance(w, since) for w in run.walls])[run.wall_of]
-        with np.errstate(invalid="ignore"):
-            sure = by * (np.abs(curve) - 2 * noise) > heat.most_lateral * np.abs(flux.value)
-        return np.where(sure & (run.wall_of >= 0), flags | LATERAL, flags).astype(np.uint16)
+        along = self._sideways.of(index, temperature)
+        column = np.where(flux.known, along.sigma, 0.0)
+        modes = np.concatenate([flux.modes, column[:, None]], axis=1)
+        sure = flux.known & (along.sure > heat.most_lateral * np.abs(np.nan_to_num(flux.value)))
+        return (replace(flux, modes=modes, names=(*flux.names, ALONG)),
+                np.where(sure, flags | LATERAL, flags).astype(np.uint16))  # fmt: skip
 
 
 def _renamed(row: str) -> str:

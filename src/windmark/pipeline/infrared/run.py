@@ -27,6 +27,7 @@ from windmark.pipeline.infrared.order import exchanged
 from windmark.pipeline.infrared.outputs import PointHistories, reduced, write_frame, write_tables
 from windmark.pipeline.infrared.record import FAILED, FrameRecord
 from windmark.pipeline.infrared.repeats import REPEATS, repeated_in, without_repeats
+from windmark.pipeline.infrared.sensors import even_reader
 from windmark.pipeline.infrared.start import odd_start
 from windmark.pipeline.infrared.steady import SteadyMap, steady_map
 from windmark.pipeline.infrared.store import Store
@@ -87,7 +88,7 @@ def run_infrared(
     made = made_with(run)
     if resume or finish:
         same_run.check_begun(folder, made)
-    loaded = zeroed(run.deforming, run.timeline)[0]
+    loaded = zeroed(run.deforming, run.timeline, even_reader(run.sensors))[0]
     run = replace(run, deforming=loaded)
     names = named(loaded.test)
     stopped = read_stopped(folder, names, to_go_on=not finish) if resume or finish else None
@@ -130,7 +131,9 @@ def _follow(
             taken.append((whole, new))
             yield new
 
-    for frame in follow_deformation(noted(), run.deforming.test, handed_on=handed_on):
+    # Markers are looked for in even pictures: the pattern of unequal pixels stands still, as a repeated picture does.
+    even = even_reader(run.sensors)
+    for frame in follow_deformation(noted(), run.deforming.test, read=even, handed_on=handed_on):
         whole, new = taken.pop(0)
         yield replace(one_frame(run, store, frame, new), pictures=pictures_of(whole))
 

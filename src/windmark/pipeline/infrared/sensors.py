@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,7 +20,7 @@ from windmark.pipeline.psp.bits import Bits, otherwise, shifted
 from windmark.pipeline.psp.columns import temperatures
 from windmark.pipeline.psp.stream import FROZEN_K, TEMPERATURE
 from windmark.scene.levels import saturation_level
-from windmark.tasks.deform.task import Station
+from windmark.tasks.deform.task import Image, Reader, Station
 
 MOST_DEAD = 0.1
 """Part of a sensor's pixels that may have died."""
@@ -45,6 +46,7 @@ class ThermalSensor:
     noise : variance of a pixel's signal
     dead : (H, W) pixels that do not count; None: all do
     bits, level : how the numbers of the even pictures are stored, and a typical one; NaN without even pictures
+    patterns : (H, W) numbers of the even pictures, means, the colder first
     """
 
     radiance: Radiance
@@ -56,6 +58,32 @@ class ThermalSensor:
     dead: Mask | None
     bits: Bits = field(default_factory=Bits)
     level: float = float("nan")
+    patterns: tuple[Array, ...] = ()
+
+    def evened(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
+        """A picture (H, W) with its pixels made equal, in its own numbers: what markers are looked for in.
+
+        Pixels that are saturated or dead are as they were, and so is a picture in other bits than the even ones.
+        """
+        if not self.patterns or self._in_other_bits(picture):
+            return picture
+        value, cold, hot = np.asarray(picture, dtype=float), self.patterns[0], self.patterns[-1]
+        gain = np.ones(cold.shape)
+        if len(self.patterns) == 2:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                gain = (np.median(hot) - np.median(cold)) / (hot - cold)
+        out = np.median(cold) + gain * (value - cold)
+        left = _full(picture, self.entry.saturation) | ~np.isfinite(out)
+        out = np.where(left if self.dead is None else left | self.dead, value, out)
+        if picture.dtype.kind in "ui":
+            most = np.iinfo(picture.dtype.name)
+            out = np.clip(np.rint(out), most.min, most.max)
+        return np.asarray(out.astype(picture.dtype))
+
+    def _in_other_bits(self, picture: NDArray[np.generic]) -> int:
+        """By how many bits a picture's numbers are stored otherwise than those of the even pictures; 0: as they are."""
+        by = Bits.of(picture).beyond(self.bits)
+        return by if by and shifted(by, float(np.median(np.asarray(picture, dtype=float))) / self.level) else 0
 
     def signal(self, picture: NDArray[np.generic]) -> tuple[Array, Array, Mask]:
         """Signal (H, W), its variance and which pixels are saturated; NaN where a pixel does not count.
@@ -65,8 +93,7 @@ class ThermalSensor:
         DataError
             For numbers that are stored in other bits than those of the even pictures.
         """
-        by = Bits.of(picture).beyond(self.bits)
-        if by and shifted(by, float(np.median(np.asarray(picture, dtype=float))) / self.level):
+        if by := self._in_other_bits(picture):
             raise DataError(otherwise("this frame", "the even pictures", by))
         value = to_signal(self.entry, self.radiance, picture)
         full = _full(picture, self.entry.saturation)
@@ -126,6 +153,7 @@ def read_sensor(project: InfraredProject, index: int, station: Station) -> Therm
     if even:
         bits, level = Bits.of(np.stack(even[0])), float(np.median(even[0][0]))
     means = [s.mean(axis=0) for s in stacks]
+    patterns = [np.mean(own, axis=0, dtype=float) for own in even]
     scatter = [s.var(axis=0, ddof=1) for s in stacks if len(s) > 1]
     if entry.netd_K is not None:
         noise = (entry.netd_K * float(radiance.slope(entry.netd_at_K))) ** 2
@@ -135,7 +163,8 @@ def read_sensor(project: InfraredProject, index: int, station: Station) -> Therm
         raise io.FileError(project.path, "one even picture says no noise; expected several, or netd_K", f"{key}.even")
     dead = None
     if len(means) == 2:
-        means.sort(key=lambda m: float(np.median(m)))
+        order = np.argsort([np.median(m) for m in means])
+        means, patterns = [means[k] for k in order], [patterns[k] for k in order]
         rise = means[1] - means[0]
         if not float(np.median(rise)) > 5 * np.sqrt(noise):
             why = "the two even pictures hardly differ; expected a colder and a warmer black body"
@@ -145,7 +174,17 @@ def read_sensor(project: InfraredProject, index: int, station: Station) -> Therm
         noisy = s > HOT**2 * np.median(s)
         dead = noisy if dead is None else dead | noisy
     cold, hot = (*means, None, None)[:2]
-    return ThermalSensor(radiance, entry, cold, hot, min((len(s) for s in stacks), default=1), noise, dead, bits, level)
+    return ThermalSensor(radiance, entry, cold, hot, min((len(s) for s in stacks), default=1), noise, dead, bits, level,
+                         tuple(patterns))  # fmt: skip
+
+
+def even_reader(sensors: Mapping[str, ThermalSensor]) -> Reader:
+    """Reads pictures with their pixels made equal, see `ThermalSensor.evened`."""
+
+    def even(item: io.PictureFile | Image, station: Station) -> Image:
+        return sensors[station.name].evened(read(item, station))
+
+    return even
 
 
 def _radiance(entry: CameraEntry) -> Radiance:

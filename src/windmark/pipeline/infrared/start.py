@@ -28,6 +28,8 @@ sqrt(n + 1) - sqrt(n): 0.70 for n = 1.5. Heat that sets in within the first step
 second step is no larger than its first one, and heat that comes slowly makes steps that grow."""
 SURE = 0.03
 """Part of the largest step that the middle of the nodes must be known to, 1 sigma."""
+BY_CHANCE = 1e-3
+"""Of films whose temperature stays before the heating so many are said to have one that rises."""
 HEATED, GROUPS = 0.1, 4
 """Part of the largest rise from which a node is heated, and groups that these nodes are asked in."""
 
@@ -43,7 +45,7 @@ def odd_start(run: InfraredRun, store: Store, frames: Sequence[int]) -> str:
         return ""
     before = before_start(run.times[list(frames)], heat.start_s)
     if before.sum() > 1:
-        return _risen_before(store, [i for i, b in zip(frames, before, strict=True) if b], frames[-1])
+        return _risen_before(store, [i for i, b in zip(frames, before, strict=True) if b], frames[-1], run.times)
     times = run.times[list(frames)]
     for camera in store.cameras:
         values = [store.values(i, camera, len(run.mesh.vertices)) for i in frames]
@@ -116,17 +118,42 @@ def thick(wall: Wall, time: float) -> bool:
     return bool(THICK[0] < long / short < THICK[1])
 
 
-def _risen_before(store: Store, before: Sequence[int], end: int) -> str:
-    """The same where several frames are from before the start: their own rise."""
-    merged = [merged_temperature(store.temperatures(i))[0] for i in (before[0], before[-1], end)]
-    first, last, whole = (m.field for m in merged if m is not None)
-    rises = [of.value - first.value for of in (last, whole)]
-    on = np.isfinite(rises).all(axis=0)
-    if not on.any():
+def _risen_before(store: Store, before: Sequence[int], end: int, times: Array) -> str:
+    """The same where several frames are from before the start: their own rise, and what it comes to if it goes on.
+
+    ``times``: (F,) of all frames. A rise of the first of them to the last one counts where it is a part of the whole
+    one by itself, or where it is one by the end, at the rate of a straight line that is sure from its own scatter.
+    """
+    merged = [merged_temperature(store.temperatures(i))[0] for i in (*before, end)]
+    kept = [(i, m.field) for i, m in zip((*before, end), merged, strict=True) if m is not None]
+    fields = [field for _, field in kept]
+    on = np.isfinite([of.value - fields[0].value for of in fields]).all(axis=0)
+    if not on.any() or len(fields) < 3:
         return ""
-    rise, total = (float(np.median(r[on])) for r in rises)
-    by_chance = 1.25 * float(np.sqrt(np.median((first.white + last.white)[on]) / on.sum()))
-    if abs(rise) < max(EARLY * abs(total), 3 * by_chance):
+    middle = np.array([float(np.median((of.value - fields[0].value)[on])) for of in fields])
+    rise, total = middle[-2], middle[-1]
+    by_chance = 1.25 * float(np.sqrt(np.median((fields[0].white + fields[-2].white)[on]) / on.sum()))
+    since = times[[i for i, _ in kept]] - times[kept[0][0]]
+    rate, rate_sigma = _line(since[:-1], middle[:-1], by_chance)
+    by_end = rate * float(since[-1])
+    at_once = abs(rise) >= max(EARLY * abs(total), 3 * by_chance)
+    in_the_end = abs(rate) > rate_sigma and abs(by_end) >= EARLY * abs(total)
+    if not at_once and not in_the_end:
         return ""
     return (f"the temperature rises by {g3(rise)} K (median) before heat.start_s, {g3(total)} K in all: the heating "
-            "began earlier, or a camera drifts, and heat flux is wrong by such a part")  # fmt: skip
+            f"began earlier, or a camera drifts. At that rate it is {g3(by_end)} K by the last frame, and heat flux "
+            "may be wrong by such a part of it")  # fmt: skip
+
+
+def _line(time: Array, value: Array, noise: float) -> tuple[float, float]:
+    """Slope of a straight line, and what it would not pass by chance; inf where two points leave no scatter."""
+    from scipy.stats import t
+
+    apart = time - time.mean()
+    slope = float(apart @ value / (apart @ apart))
+    free = len(time) - 2
+    if free < 1:
+        return slope, float("inf")
+    left = value - value.mean() - slope * apart
+    scatter = max(float(np.sqrt(left @ left / free)), noise)
+    return slope, float(t.isf(BY_CHANCE / 2, free)) * scatter / float(np.sqrt(apart @ apart))

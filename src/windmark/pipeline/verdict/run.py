@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.errors import g2
 from windmark.paint.cameras import cameras_apart
 from windmark.pipeline.results import ImageResult, RunResult
 from windmark.pipeline.verdict import rules
@@ -21,6 +22,7 @@ from windmark.pipeline.verdict.registered import Sighting, registered_findings, 
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.pipeline.verdict.wanted import far_findings
 from windmark.resection import MergedViews, NotMerged
+from windmark.resection.merging import regions
 from windmark.scene import MarkerSet
 
 
@@ -53,7 +55,8 @@ def run_verdict(result: RunResult) -> Verdict:
                     group.folder,
                 )
             )
-    found += _contradicted([group.merged for group in result.merged if group.merged is not None])
+    merged = [group.merged for group in result.merged if group.merged is not None]
+    found += _contradicted(merged) or _on_seams(merged)
     found += empty_lists(result.images)
     unmatched = all(item.registered is None and item.at_pose is None for item in result.images)
     if unmatched and all(f.word != BAD for f in found):
@@ -77,6 +80,22 @@ def _contradicted(merged: Sequence[MergedViews]) -> list[Finding]:
         "check exposure, black level and gamma of each camera", "light that went off, oil or dirt",
         "points" if len(merged) > 1 else "",
     )  # fmt: skip
+
+
+def _on_seams(merged: Sequence[MergedViews]) -> list[Finding]:
+    """Pictures whose values differ along a part of their seam: one lens shades, or light comes from elsewhere."""
+    out = []
+    for m in merged:
+        for (a, b), steps in m.seams.by_region(regions(m.mesh), m.step_variances()).items():
+            if not (far := np.abs(steps) > rules.APART).any():
+                continue
+            first, second = m.names[a], m.names[b]
+            words = (f"values of {first} and {second} differ by up to {g2(float(np.abs(steps).max()))} times their "
+                     f"noise along their seam (in {int(far.sum())} of {len(steps)} parts of it): the gain between "
+                     "them is that of where both see, and need not hold elsewhere")  # fmt: skip
+            step = "correct each lens's shading (a flat), or let the pictures overlap more widely"
+            out.append(Finding(DOUBTFUL, "cameras", words, step))
+    return out
 
 
 def _missing(said: str) -> Finding:
