@@ -51,7 +51,7 @@ def folder(tmp_path) -> Path:
     markers = MarkerSet.make([f"m{k}" for k in range(6)], np.random.default_rng(1).normal(size=(6, 3)))
     io.write_markers(tmp_path / "markers.csv", markers, length_unit="mm")
     for k in (1, 2, 10):
-        io.write_image(tmp_path / f"img{k}.tif", np.full((48, 64), 100 + k, np.uint8))
+        io.write_image(tmp_path / f"img{k}.tif", np.random.default_rng(k).integers(90, 110, (48, 64), dtype=np.uint8))
     (tmp_path / "project.toml").write_text(SOUND)
     return tmp_path
 
@@ -81,6 +81,26 @@ def test_pictures_of_another_size_and_unreadable_ones(folder):
     problems = [p for p in check_project(folder / "project.toml").problems if p.key == "image[0].file"]
     assert len(problems) == 2
     assert all(p.line == 8 for p in problems)
+
+
+def test_a_picture_that_is_there_twice_and_one_that_shows_nothing(folder):
+    """Whatever their files are called: of a ratio of a picture with itself every value is 1."""
+    io.write_image(folder / "img2.tif", io.read_image(folder / "img1.tif"))
+    io.write_image(folder / "img10.tif", np.zeros((48, 64), np.uint8))
+    copy, black = [p for p in check_project(folder / "project.toml").problems if p.key == "image[0].file"]
+    assert "img2.tif: is the same picture as img1.tif, pixel by pixel" in copy.words
+    assert "img10.tif: every pixel is at the level 0: the picture shows nothing" in black.words
+    # Empty pictures are not said to be each other's copies as well.
+    io.write_image(folder / "img2.tif", np.zeros((48, 64), np.uint8))
+    problems = check_project(folder / "project.toml").problems
+    assert ["shows nothing" in p.words for p in problems] == [True, True]
+
+
+def test_a_focal_length_in_millimetres_is_a_thing_to_correct(folder):
+    io.write_camera(folder / "camera.json", Camera((64, 48), 2.0, 1.0, 31.5, 23.5))
+    (problem,) = check_project(folder / "project.toml").problems
+    assert (problem.key, problem.line) == ("camera[0].file", 5)
+    assert "as no lens does: is it in pixels (not in mm" in problem.words
 
 
 def test_unit_that_contradicts_the_files(folder):
