@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -21,6 +22,7 @@ from windmark.pipeline.deform.project import read_deform_project
 from windmark.pipeline.folder import look_into
 from windmark.pipeline.kinds import kind_of
 from windmark.pipeline.new_project import choose
+from windmark.pipeline.new_series import command
 from windmark.pipeline.project import read_project
 from windmark.pipeline.repeat import Difference, inputs_now, results_again
 from windmark.pipeline.toml_lines import line_of, toml_lines
@@ -222,6 +224,39 @@ def test_two_cameras_of_one_size_are_told_by_their_names(folder):
     assert choice.cameras[folder / "img2.tif"] == folder / "cam02.json"
     assert choice.cameras[folder / "img10.tif"] is None
     assert any("img10.tif" in words for words in choice.missing)
+
+
+def test_of_two_marker_tables_that_differ_init_takes_none_unsaid(folder, capsys):
+    """It took the one whose name comes first: markers-2019.csv, in which everything is 7 mm beside its place."""
+    (folder / "project.toml").unlink()
+    markers = io.read_markers(folder / "markers.csv")
+    old = replace(markers, xyz=markers.xyz + np.array([7.0, 0, 0]))
+    io.write_markers(folder / "markers-2019.csv", old, length_unit="mm")
+    init_verb.init(folder, None, {}, None, False, False)
+    said = capsys.readouterr().out
+    assert "missing: the marker table: it may be markers-2019.csv or markers.csv, which differ (--markers FILE)" in said
+    assert 'file = "markers-2019.csv"' not in (folder / "project.toml").read_text()
+    assert choose(look_into(folder), {"markers": folder / "markers.csv"}).markers == folder / "markers.csv"
+    assert "the marker table (-m): it may be" in " ".join(command(look_into(folder), choose(look_into(folder), {}),
+                                                                  "calibrate")[1])  # fmt: skip
+
+
+def test_a_copy_of_a_marker_table_or_a_part_of_it_is_no_other_one(folder):
+    markers = io.read_markers(folder / "markers.csv")
+    io.write_markers(folder / "copy.csv", markers, length_unit="mm")
+    io.write_markers(folder / "part.csv", markers.take(range(4)), length_unit="mm")
+    choice = choose(look_into(folder), {})
+    assert choice.markers == folder / "copy.csv"
+    assert not any("marker table" in words for words in choice.missing)
+
+
+def test_a_camera_file_that_is_cut_off_is_named(folder, capsys):
+    (folder / "project.toml").unlink()
+    (folder / "camera.json").write_text("{")
+    init_verb.init(folder, None, {}, None, False, False)
+    said = capsys.readouterr().out
+    assert "missing: a camera file" in said
+    assert "left out: camera.json: " in said
 
 
 def test_asking_that_is_interrupted_writes_nothing(folder, monkeypatch):
