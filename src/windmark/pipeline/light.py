@@ -27,6 +27,14 @@ def light_of(image: Image, mixed: Mask | None = None, quantity: Quantity = GREY)
     return missing_at(missing_at(light, mixed), detection.dead_pixels(image))
 
 
+def without_dead(light: Image) -> Image:
+    """Light (H, W), corrected as far as dark, flat or even pictures do, with NaN where pixels do not measure all the
+    same: hot and dead ones, in groups and lines as well. Asked after the correction, as what it evens out is no defect;
+    what is saturated has to be NaN before.
+    """
+    return missing_at(light, detection.dead_pixels(light))
+
+
 def full_pixels(image: Image, mixed: Mask | None = None) -> tuple[Mask | None, str]:
     """The pixels that are saturated or were made of such, and from which level on, in words; None and "" if none is."""
     level = saturation_level(image)
