@@ -9,9 +9,9 @@ import pytest
 import windmark as wm
 from windmark import io
 from windmark.paint import PlanckBand
+from windmark.pipeline import light
 from windmark.pipeline.infrared import sensors
 from windmark.pipeline.infrared.sensors import ThermalSensor
-from windmark.pipeline.light import without_dead
 from windmark.pipeline.psp import pictures
 from windmark.synth.degrade import gaussian_blur
 
@@ -22,14 +22,14 @@ DEFECTS = [(slice(60, 63), slice(80, 83)), (slice(None), 100), (40, 30)]
 def scene(seed: int = 1, noise: float = 8.0) -> np.ndarray:
     """Shaded, with dots that tell the blur."""
     y, x = np.indices((H, W))
-    light = 1000 + 200 * np.sin(x / 50) * np.cos(y / 40)
-    light[np.hypot(x % 32 - 16, y % 32 - 16) < 4] *= 0.3
-    return np.random.default_rng(seed).normal(gaussian_blur(light, 0.7), noise)
+    levels = 1000 + 200 * np.sin(x / 50) * np.cos(y / 40)
+    levels[np.hypot(x % 32 - 16, y % 32 - 16) < 4] *= 0.3
+    return np.random.default_rng(seed).normal(gaussian_blur(levels, 0.7), noise)
 
 
-def spoilt(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def spoilt(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A group, a column and a single pixel that do not measure, and which these are."""
-    out, dead = light.copy(), np.zeros((H, W), bool)
+    out, dead = levels.copy(), np.zeros((H, W), bool)
     for at in DEFECTS:
         dead[at], out[at] = True, 120.0
     return out, dead
@@ -70,8 +70,8 @@ def test_a_thermal_camera_has_no_signal_there_and_what_even_pictures_correct_is_
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_good_sensor_loses_nothing(seed):
-    light = scene(seed)
-    assert without_dead(light) is light
+    levels = scene(seed)
+    assert light.without_dead(levels) is levels
 
 
 def test_pixels_that_are_clipped_in_an_even_picture_do_not_count(monkeypatch):
@@ -94,3 +94,15 @@ def test_pixels_that_are_clipped_in_an_even_picture_do_not_count(monkeypatch):
     monkeypatch.setattr(sensors, "_even", lambda p, k, pattern, s: list(cold if pattern == "c" else full))
     with pytest.raises(io.FileError, match="of an even picture's pixels are saturated"):
         sensors.read_sensor(project, 0, None)
+
+
+def test_a_picture_is_asked_once_as_long_as_it_is_there(monkeypatch):
+    image, dead = spoilt(scene())
+    image, asked, find = np.rint(image).astype(np.uint16), [], light.detection.dead_pixels
+    monkeypatch.setattr(light.detection, "dead_pixels", lambda picture: asked.append(1) or find(picture))
+    for _ in range(3):
+        np.testing.assert_array_equal(np.isnan(light.light_of(image)), dead)
+    assert len(asked) == 1
+    held = len(light._DEAD)
+    light.light_of(image.copy())  # it is gone, and what was known of it
+    assert (len(asked), len(light._DEAD)) == (2, held)
