@@ -72,7 +72,8 @@ def test_markers_that_the_transformation_does_not_follow_are_doubted(place, wind
         "image": np.repeat(["off.tif", "on.tif"], len(xy)), "name": np.tile(names, 2),
         "x": np.r_[xy[:, 0], moved[:, 0]], "y": np.r_[xy[:, 1], moved[:, 1]],
     })  # fmt: skip
-    io.write_image(place / "on.tif", io.read_image(place / "off.tif"))
+    off = io.read_image(place / "off.tif")
+    io.write_image(place / "on.tif", off ^ rng.integers(0, 2, off.shape, dtype=off.dtype))  # another exposure
     done = windmark("align", place / "off.tif", place / "on.tif", "--matches", place / "matches.csv",
                     "--kind", "affine", "-o", place / "out", "--json")  # fmt: skip
     assert done.code == 0, done.err

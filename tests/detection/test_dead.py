@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from windmark.detection import dead_pixels
 from windmark.detection.sharpest import sharpness_px
@@ -124,3 +125,35 @@ def test_a_picture_that_was_enlarged_by_repeating_pixels_has_no_dead_columns():
     image = stored(taken(light(0.4, drawn)))
     again = np.floor(np.arange(W * 13 // 10) / 1.3).astype(int)
     assert dead_pixels(image[:, again]) is None
+
+
+@pytest.mark.parametrize(("noises", "least"), [(15, 0.8), (20, 0.95), (-15, 0.8)])
+def test_single_pixels_that_only_the_noise_tells(noises, least):
+    """They left the range of their neighbours by less than five times it, which of noise alone is 14 noises."""
+    of, image, truth = light(0.7), taken(light(0.7), 5), np.zeros((H, W), bool)
+    places = [(y, x) for y in range(8, H - 8, 16) for x in range(16, W - 8, 16)]
+    places = [(y, x) for y, x in places if of[y, x] > 400 and np.ptp(of[y - 2 : y + 3, x - 2 : x + 3]) < 40]
+    for y, x in places:
+        truth[y, x], image[y, x] = True, of[y, x] + noises * np.sqrt(4 + 0.25 * of[y, x])
+    found = dead_pixels(stored(image))
+    assert len(places) > 40
+    assert not (found & ~truth).any()
+    assert found[truth].mean() > least
+
+
+def glints(blur_px, seed):
+    """Points of light of 10 to 40 noises, wherever between the pixels they lie, and light falls on whole pixels."""
+    rng, out = np.random.default_rng(seed), light(blur_px).copy()
+    for y in range(10, H - 10, 12):
+        for x in range(10, W - 10, 12):
+            along = [ndtr((np.arange(-5, 7) - 0.5 - at) / blur_px) for at in rng.uniform(-0.5, 0.5, 2)]
+            spot = np.outer(*(np.diff(a) for a in along))
+            out[y - 5 : y + 6, x - 5 : x + 6] += spot / spot.max() * rng.uniform(10, 40) * np.sqrt(4 + 0.25 * out[y, x])
+    return out
+
+
+@pytest.mark.parametrize("blur_px", [0.5, 0.7])
+def test_glints_of_so_few_noises_are_light(blur_px):
+    """What the optic has imaged lights up what is beside it."""
+    for seed in range(4):
+        assert dead_pixels(stored(taken(glints(blur_px, seed), seed))) is None

@@ -40,6 +40,12 @@ def test_without_names_rows_are_counted(tmp_path):
     assert markers.name.tolist() == ["1", "2"]
 
 
+@pytest.mark.parametrize("head", ["survey of 12 May 2019 mm", "point X Y Z rays", "Wing left 12 model 3"])
+def test_a_title_with_numbers_is_none_where_a_coordinate_is_a_word(tmp_path, head):
+    markers, left = listed(tmp_path, f"{head}\na 1 2 3\nb 4 5 6\n", "name,x,y,z")
+    assert (markers.name.tolist(), left) == (["a", "b"], [head])
+
+
 @pytest.mark.parametrize(("text", "columns", "words"), [
     ("a 1 2 3\nb 1 2\n", "name,x,y,z", "line 2: expected 4 values (name, x, y, z), got 'b 1 2'"),
     ("a 1 2 3\nb 1 2 nan\n", "name,x,y,z", "line 2: expected 4 values"),
@@ -48,6 +54,9 @@ def test_without_names_rows_are_counted(tmp_path):
     # Amid points it is a thousand, and no row is taken for a header.
     ("a 1,234 2 3\nb 1.5 2 3\nc 1.5 2 3\n", "name,x,y,z", "line 1: expected 4 values"),
     ("a 1 2 nan\nb 1.5 2 3\n", "name,x,y,z", "line 1: expected 4 values"),
+    # A name of several words is no title: the first marker was gone, and that was good.
+    ("Wing left 1 2 3\nb 4 5 6\n", "name,x,y,z", "line 1: expected 4 values (name, x, y, z), got 'Wing left 1 2 3'"),
+    ("Wing, left,1,2,3,x\nb,4,5,6,x\n", "name,x,y,z,-", "line 1: expected 5 values"),
     ("a 1 2 3 1\nb 1 2 3 0\n", "name,x,y,z,radius", "line 2: radius must be > 0"),
     ("a 1 2 3 4\n", "name,x,y,z", "line 1: no line has 4 values (name, x, y, z); this one is 'a 1 2 3 4'"),
     ("# nothing\n", "name,x,y,z", "no line has 4 values"),

@@ -7,6 +7,7 @@ import numpy as np
 
 import windmark as wm
 from windmark.pipeline.align2d.outputs import record_of
+from windmark.pipeline.same_picture import shown_by
 from windmark.pipeline.verdict import DOUBTFUL, GOOD
 from windmark.pipeline.verdict.aligned import align_verdict
 from windmark.scene import Detections
@@ -69,3 +70,17 @@ def test_a_part_that_moved_by_itself_is_named_with_its_place_and_the_map_of_sigm
     assert f"{flap.sum()} markers that are next to each other (at x 8" in verdict.reason
     assert "moved by 6 px against the others" in verdict.reason
     assert len(verdict.findings) == 1  # that they were left out is not said once more
+
+
+def test_a_picture_that_is_the_reference_is_named_and_two_exposures_are_not():
+    """All its ratios were exactly 1, and that was good: "at most 1e-14 px RMS from where the others say"."""
+    rng = np.random.default_rng(4)
+    off, on = (rng.normal(1000, 5, (60, 80)).astype(np.uint16) for _ in range(2))
+    contents = {"off.tif": shown_by(off), "on.tif": shown_by(on), "copy.tif": shown_by(off.copy())}
+    verdict = align_verdict([], {}, contents)
+    assert (verdict.word, verdict.cause) == (DOUBTFUL, "file")
+    (found,) = verdict.findings
+    assert found.where == "copy.tif"
+    assert "it is the same picture as off.tif, pixel by pixel" in found.reason
+    # Pictures that show nothing are told as such, not as each other's copies.
+    assert align_verdict([], {}, {"a": shown_by(np.zeros((6, 8))), "b": shown_by(np.zeros((6, 8)))}).word == GOOD

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -21,6 +22,7 @@ from windmark.pipeline.deform.project import read_deform_project
 from windmark.pipeline.folder import look_into
 from windmark.pipeline.kinds import kind_of
 from windmark.pipeline.new_project import choose
+from windmark.pipeline.new_series import command
 from windmark.pipeline.project import read_project
 from windmark.pipeline.repeat import Difference, inputs_now, results_again
 from windmark.pipeline.toml_lines import line_of, toml_lines
@@ -51,7 +53,7 @@ def folder(tmp_path) -> Path:
     markers = MarkerSet.make([f"m{k}" for k in range(6)], np.random.default_rng(1).normal(size=(6, 3)))
     io.write_markers(tmp_path / "markers.csv", markers, length_unit="mm")
     for k in (1, 2, 10):
-        io.write_image(tmp_path / f"img{k}.tif", np.full((48, 64), 100 + k, np.uint8))
+        io.write_image(tmp_path / f"img{k}.tif", np.random.default_rng(k).integers(90, 110, (48, 64), dtype=np.uint8))
     (tmp_path / "project.toml").write_text(SOUND)
     return tmp_path
 
@@ -81,6 +83,26 @@ def test_pictures_of_another_size_and_unreadable_ones(folder):
     problems = [p for p in check_project(folder / "project.toml").problems if p.key == "image[0].file"]
     assert len(problems) == 2
     assert all(p.line == 8 for p in problems)
+
+
+def test_a_picture_that_is_there_twice_and_one_that_shows_nothing(folder):
+    """Whatever their files are called: of a ratio of a picture with itself every value is 1."""
+    io.write_image(folder / "img2.tif", io.read_image(folder / "img1.tif"))
+    io.write_image(folder / "img10.tif", np.zeros((48, 64), np.uint8))
+    copy, black = [p for p in check_project(folder / "project.toml").problems if p.key == "image[0].file"]
+    assert "img2.tif: is the same picture as img1.tif, pixel by pixel" in copy.words
+    assert "img10.tif: every pixel is at the level 0: the picture shows nothing" in black.words
+    # Empty pictures are not said to be each other's copies as well.
+    io.write_image(folder / "img2.tif", np.zeros((48, 64), np.uint8))
+    problems = check_project(folder / "project.toml").problems
+    assert ["shows nothing" in p.words for p in problems] == [True, True]
+
+
+def test_a_focal_length_in_millimetres_is_a_thing_to_correct(folder):
+    io.write_camera(folder / "camera.json", Camera((64, 48), 2.0, 1.0, 31.5, 23.5))
+    (problem,) = check_project(folder / "project.toml").problems
+    assert (problem.key, problem.line) == ("camera[0].file", 5)
+    assert "as no lens does: is it in pixels (not in mm" in problem.words
 
 
 def test_unit_that_contradicts_the_files(folder):
@@ -202,6 +224,39 @@ def test_two_cameras_of_one_size_are_told_by_their_names(folder):
     assert choice.cameras[folder / "img2.tif"] == folder / "cam02.json"
     assert choice.cameras[folder / "img10.tif"] is None
     assert any("img10.tif" in words for words in choice.missing)
+
+
+def test_of_two_marker_tables_that_differ_init_takes_none_unsaid(folder, capsys):
+    """It took the one whose name comes first: markers-2019.csv, in which everything is 7 mm beside its place."""
+    (folder / "project.toml").unlink()
+    markers = io.read_markers(folder / "markers.csv")
+    old = replace(markers, xyz=markers.xyz + np.array([7.0, 0, 0]))
+    io.write_markers(folder / "markers-2019.csv", old, length_unit="mm")
+    init_verb.init(folder, None, {}, None, False, False)
+    said = capsys.readouterr().out
+    assert "missing: the marker table: it may be markers-2019.csv or markers.csv, which differ (--markers FILE)" in said
+    assert 'file = "markers-2019.csv"' not in (folder / "project.toml").read_text()
+    assert choose(look_into(folder), {"markers": folder / "markers.csv"}).markers == folder / "markers.csv"
+    assert "the marker table (-m): it may be" in " ".join(command(look_into(folder), choose(look_into(folder), {}),
+                                                                  "calibrate")[1])  # fmt: skip
+
+
+def test_a_copy_of_a_marker_table_or_a_part_of_it_is_no_other_one(folder):
+    markers = io.read_markers(folder / "markers.csv")
+    io.write_markers(folder / "copy.csv", markers, length_unit="mm")
+    io.write_markers(folder / "part.csv", markers.take(range(4)), length_unit="mm")
+    choice = choose(look_into(folder), {})
+    assert choice.markers == folder / "copy.csv"
+    assert not any("marker table" in words for words in choice.missing)
+
+
+def test_a_camera_file_that_is_cut_off_is_named(folder, capsys):
+    (folder / "project.toml").unlink()
+    (folder / "camera.json").write_text("{")
+    init_verb.init(folder, None, {}, None, False, False)
+    said = capsys.readouterr().out
+    assert "missing: a camera file" in said
+    assert "left out: camera.json: " in said
 
 
 def test_asking_that_is_interrupted_writes_nothing(folder, monkeypatch):

@@ -63,7 +63,7 @@ def folder(tmp_path):
     xyz = np.random.default_rng(1).uniform([0, 0, 0], [4, 3, 0], (6, 3))
     io.write_markers(tmp_path / "markers.csv", MarkerSet.make([f"m{k}" for k in range(6)], xyz), length_unit="mm")
     io.write_mesh(tmp_path / "plate.vtu", PLATE)
-    io.write_image(tmp_path / "a.tif", np.full((48, 64), 100, np.uint8))
+    io.write_image(tmp_path / "a.tif", np.random.default_rng(1).integers(90, 110, (48, 64), dtype=np.uint8))
     return tmp_path
 
 

@@ -58,6 +58,14 @@ def test_exchanged_axes_are_named(tunnel):
     assert found.axes.tolist() == [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
 
 
+def test_two_columns_exchanged_are_named_too_though_they_leave_a_mirrored_frame(tunnel):
+    mesh, xyz = tunnel
+    found = seat(changed(mesh, lambda p: p[:, [2, 1, 0]]), xyz)
+    assert found.axes is not None
+    assert found.axes.tolist() == [[0, 0, 1], [0, 1, 0], [1, 0, 0]]
+    assert found.mirror is None
+
+
 def test_scatter_is_no_motion(tunnel):
     mesh, xyz = tunnel
     rng = np.random.default_rng(3)

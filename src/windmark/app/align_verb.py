@@ -20,6 +20,7 @@ from windmark.compiling import job_time
 from windmark.errors import UsageError
 from windmark.pipeline.align2d import AlignedFile, AlignSettings, Reference, align_files, read_named, read_reference
 from windmark.pipeline.align2d.outputs import ratios, record_of, write_one
+from windmark.pipeline.same_picture import shown_by
 from windmark.pipeline.settings import unusable_name
 from windmark.pipeline.verdict import Verdict
 from windmark.pipeline.verdict.aligned import align_verdict
@@ -64,6 +65,7 @@ def align(wishes: Wishes, as_json: bool) -> None:
         reference = read_reference(base, settings)
         rows: list[Record] = []
         states = {base.name: _state(reference.image, reference.spots, reference)}
+        contents = {base.name: shown_by(reference.image)}
         shown = Shown(reference)
         for item in align_files(others, reference, settings, progress=show):
             write_one(item, reference, out.place / item.name)
@@ -71,6 +73,7 @@ def align(wishes: Wishes, as_json: bool) -> None:
             if item.image is not None:
                 spots = None if item.alignment is None else item.alignment.image_spots
                 states[item.path.name] = _state(item.image, spots, reference)
+                contents[item.path.name] = shown_by(item.image)
             shown.add(item)
         record = {
             "reference": base.name, "images": rows, "radius": reference.radius_note,
@@ -78,7 +81,7 @@ def align(wishes: Wishes, as_json: bool) -> None:
             "seconds": job_time() - start, "folder": wishes.output,
         }  # fmt: skip
         show("draw the report")
-        verdict = align_verdict(rows, states)
+        verdict = align_verdict(rows, states, contents)
         record["verdict"] = verdict.record()
         page = _report(out, record, shown, verdict)
         console.write_summary(out, record)

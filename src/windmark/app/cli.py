@@ -184,8 +184,8 @@ def main() -> None:
         code = command_line(app, "--json" in sys.argv[1:])
     except SystemExit as end:
         code = end.code
-    except KeyboardInterrupt:  # before a verb was at work
-        console.complain("interrupted; nothing was written")
+    except KeyboardInterrupt as error:  # before a verb was at work, or after it
+        console.complain(console.interrupted(error))
         code = console.INTERRUPTED
     except OSError as error:  # of the standard streams: what verbs meet, they have said themselves
         code = _not_printed(error)

@@ -198,13 +198,15 @@ def errors(as_json: bool, *, writes_inputs: bool = False) -> Iterator[None]:
     ``writes_inputs``: for a command that changes the project which it has read; others are kept from it.
     """
     from windmark.io import reason, witness
+    from windmark.io.written import begin_command
 
     try:
+        begin_command()
         # What is read before the result's folder is known belongs into its manifest, too.
         with nullcontext() if writes_inputs else witness():
             yield
     except KeyboardInterrupt as error:
-        _fail(f"interrupted; {str(error) or 'nothing was written'}", INTERRUPTED, as_json)
+        _fail(interrupted(error), INTERRUPTED, as_json)
     except (typer.Exit, typer.Abort):  # said already
         raise
     except FileNotFoundError as error:
@@ -218,6 +220,13 @@ def errors(as_json: bool, *, writes_inputs: bool = False) -> Iterator[None]:
         if isinstance(error, WindmarkError):
             _fail(str(error), WRONG_USAGE, as_json, error)
         _report_fault(error, as_json)
+
+
+def interrupted(error: KeyboardInterrupt) -> str:
+    """That a command was ended, and what it left: what it says itself, or else what is in its place already."""
+    from windmark.io.written import written_before
+
+    return f"interrupted; {str(error) or written_before() or 'nothing was written'}"
 
 
 def _report_fault(error: Exception, as_json: bool) -> None:

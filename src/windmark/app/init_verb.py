@@ -13,7 +13,7 @@ from windmark.app import console
 from windmark.app.progress import progress
 from windmark.errors import UsageError
 from windmark.pipeline.folder import FolderContent, look_into
-from windmark.pipeline.new_project import Choice, choose, missing, project_text
+from windmark.pipeline.new_project import Choice, choose, different_tables, missing, project_text
 from windmark.pipeline.new_series import (
     COMMANDS,
     PROJECTS,
@@ -89,6 +89,9 @@ def _ask(content: FolderContent, choice: Choice) -> None:
     try:
         if choice.unit is None:
             choice.unit = _chosen("Length unit of markers and grid", list(io.LENGTH_UNITS))
+        tables = different_tables(content)
+        if choice.markers is None and len(tables) > 1:
+            choice.take_markers(content, _file("Marker table", tables))
         if choice.grid is None and len(content.grids) > 1:
             choice.grid = _file("Surface grid", list(content.grids))
         known: dict[tuple[int, int], Path] = {}

@@ -9,10 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from windmark.detection.dead_groups import RATIO, dead_groups
 from windmark.detection.dead_lines import candidates, dead_lines, repeated
-from windmark.detection.image import DEAD_RATIO, Pixels, check_image, levels_of, shifted, usable_sample
+from windmark.detection.dead_single import LEAVES, SURE, dead_singles
+from windmark.detection.image import DEAD_NOISE, DEAD_RATIO, Pixels, check_image, levels_of, shifted, usable_sample
 from windmark.detection.sharpest import sharpness_px
 
 Mask = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 LEAST_DEAD = 0.02  # part of an image's range by which a dead pixel leaves that of its neighbours
 MOST_DEAD = 0.01  # part of a sensor's pixels: one with more has no picture
@@ -25,8 +27,9 @@ def dead_pixels(image: ArrayLike) -> Mask | None:
     """(H, W) the hot and dead pixels of an image, which stand out as nothing does that an optic has imaged; None where
     there are none, or so many that it is how the picture was drawn. `detect` leaves single ones out by itself.
 
-    Alone, in twos, in groups of up to `dead_groups.MOST`, and whole columns and rows, of which a constant offset is
-    enough. What has the blur of the picture's own edges is not found: a hot pixel whose charge has spread.
+    Alone (of ten noises and more, where the picture's noise and blur tell it), in twos, in groups of up to
+    `dead_groups.MOST`, and whole columns and rows, of which a constant offset is enough. What has the blur of the
+    picture's own edges is not found: a hot pixel whose charge has spread.
     """
     from windmark.detection._kernels import dead
 
@@ -43,7 +46,9 @@ def dead_pixels(image: ArrayLike) -> Mask | None:
     single, seeds = found[found[:, 2] == 0, :2], found[found[:, 2] != 0]
     if len(single) > MOST_DEAD * g.size:
         return None
-    columns, rows, groups = _together(g, levels.step, single, seeds)
+    faint = dead.dead_pixels(g, SURE * levels.dead / DEAD_NOISE, LEAVES, 0.0, 0.0)[:, :2]
+    faint = faint[~_among(faint, single, g.shape[1])] if len(faint) <= MOST_DEAD * g.size else faint[:0]
+    single, columns, rows, groups = _together(g, levels.step, single, faint, seeds)
     if not (len(single) or len(columns) or len(rows) or groups is not None):
         return None
     out = np.zeros(g.shape, bool) if groups is None else groups
@@ -52,28 +57,36 @@ def dead_pixels(image: ArrayLike) -> Mask | None:
 
 
 def _together(
-    g: Pixels, step: float, single: NDArray[np.int64], seeds: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Mask | None]:
-    """Dead columns, rows and groups of a picture, in which all that is dead but these is NaN afterwards.
+    g: Pixels, step: float, single: Ints, faint: Ints, seeds: Ints
+) -> tuple[Ints, Ints, Ints, Mask | None]:
+    """Single pixels, those of ``faint`` that are dead among them, dead columns, rows and groups of a picture, in which
+    all that is dead but the groups is NaN afterwards.
 
     What needs the noise and the blur is looked at only where something may be dead: in most pictures nothing is.
     """
     none = np.empty(0, np.int64)
     if min(g.shape) < 2 * TILE_PX:
-        return none, none, None
+        return single, none, none, None
     maybe = [candidates(turned, step) for turned in (g, g.T)]
-    alone = np.isin(seeds[:, 0] * g.shape[1] + seeds[:, 1], single[:, 0] * g.shape[1] + single[:, 1])
-    seeds = seeds[~alone]
-    if not (len(seeds) or any(len(some) for some in maybe)) or repeated(g) or repeated(g.T):
-        return none, none, None
+    seeds = seeds[~_among(seeds, single, g.shape[1])]
+    if not (len(faint) or len(seeds) or any(len(some) for some in maybe)) or repeated(g) or repeated(g.T):
+        return single, none, none, None
     ends = float(np.fmin.reduce(g, axis=None)), float(np.fmax.reduce(g, axis=None))
     noise = local_noise(g, step)
     blur_px = sharpness_px(g, noise)
+    faint = dead_singles(g, faint, noise[faint[:, 0], faint[:, 1]], blur_px, step, ends)
+    single = np.concatenate([single, faint])
     columns, rows = (
         dead_lines(turned, some, blur_px, step, ends) for turned, some in zip((g, g.T), maybe, strict=True)
     )
     g[single[:, 0], single[:, 1]] = g[:, columns] = g[rows] = np.nan
-    return columns, rows, dead_groups(g, seeds, noise, blur_px, step, ends)
+    seeds = seeds[~_among(seeds, faint, g.shape[1])]
+    return single, columns, rows, dead_groups(g, seeds, noise, blur_px, step, ends)
+
+
+def _among(pixels: Ints, others: Ints, width: int) -> NDArray[np.bool_]:
+    """Which of some pixels (K, 2 ...: row, column) of a picture so wide are among others."""
+    return np.isin(pixels[:, 0] * width + pixels[:, 1], others[:, 0] * width + others[:, 1])
 
 
 def local_noise(g: Pixels, step: float) -> Any:
@@ -86,7 +99,9 @@ def local_noise(g: Pixels, step: float) -> Any:
     bend = np.abs(part[..., :-2] - 2 * part[..., 1:-1] + part[..., 2:])[..., : columns * width]
     tiles = bend.reshape(rows, -1, columns, width).swapaxes(1, 2).reshape(rows, columns, -1)
     known = np.where(np.isnan(tiles), np.float32(0), tiles)
-    sigma = np.maximum(np.median(known, axis=2) / (0.6745 * np.sqrt(6.0)), 0.3 * step)
-    where = (np.minimum(np.arange(n) // size, count - 1) for n, size, count in
-             zip(g.shape, (height, width), (rows, columns), strict=True))  # fmt: skip
-    return sigma.astype(np.float32)[np.ix_(*where)]
+    half = known.shape[2] // 2
+    middle = np.partition(known, half, axis=2)[..., half]
+    sigma = np.maximum(middle / (0.6745 * np.sqrt(6.0)), 0.3 * step).astype(np.float32)
+    down, across = (np.bincount(np.minimum(np.arange(n) // size, count - 1)) for n, size, count in
+                    zip(g.shape, (height, width), (rows, columns), strict=True))  # fmt: skip
+    return np.repeat(np.repeat(sigma, across, axis=1), down, axis=0)

@@ -22,6 +22,8 @@ FRAME = 4
 """Pixels round a group that are looked at, of which the outer two say what it would be."""
 OUT, STRONG = 5.0, 0.5
 """Times the noise that a pixel of a group is off that; part of the most that it is for its outside to be looked at."""
+BESIDE = 3.5
+"""Times the noise that the two pixels before a corner may differ from the next ones, of which noise alone makes one."""
 SIDES = 6
 """Sides of pixels of a group of which that is known, at least."""
 TOO_MANY = 400
@@ -46,7 +48,7 @@ def dead_groups(
     ends : of the picture's levels
     """
     out: Mask | None = None
-    if len(seeds) > TOO_MANY or not np.isfinite(blur_px):
+    if not np.isfinite(blur_px) or len(seeds := _dark_beside(g, seeds, noise, blur_px)) > TOO_MANY:
         return None
     done = set()
     for y, x, side in seeds.tolist():
@@ -60,6 +62,17 @@ def dead_groups(
             out = np.zeros(g.shape, bool) if out is None else out
             out[window] |= group
     return out
+
+
+def _dark_beside(g: Pixels, seeds: NDArray[np.int64], noise: Any, blur_px: float) -> NDArray[np.int64]:
+    """The seeds beside which it is as dark as beyond, by noise or by half of what an optic leaves there: of all others
+    the whole group is not asked for. Most are corners of painted dots, whose rims have light.
+    """
+    y, x, side = seeds.T
+    beside = 0.5 * (g[y, x + side].astype(float) + g[y + side, x])
+    beyond = 0.5 * (g[y, x + 2 * side].astype(float) + g[y + 2 * side, x])
+    least = 0.5 * min(sharpest_pair(blur_px), sharpest_line(blur_px)) * np.abs(g[y, x] - beyond)
+    return np.asarray(seeds[np.abs(beside - beyond) <= np.maximum(BESIDE * noise[y, x], least)])
 
 
 def _box(g: Pixels, y: int, x: int, side: int, sigma: float) -> tuple[slice, slice] | None:

@@ -9,8 +9,10 @@ from windmark.detection.sharpest import sharpest_line, sharpest_pair
 
 Pixels = NDArray[np.float32]
 
-PIECE, MOST_SAMPLED = 16, 512
-"""Pixels of a column of which a median is taken; of so many pixels a column, evenly spread over it."""
+PIECE, MOST_SAMPLED, ENOUGH = 16, 512, 128
+"""Pixels of a column of which a median is taken; of so many pixels a column, evenly spread over it; pixels of it that
+tell whether it is the same as the next one.
+"""
 OFF, PIECES = 4.0, 4
 """Times the noise that a piece is off its neighbours; pieces one after another that make a line of it."""
 LEAST_STEPS = 6.0
@@ -59,7 +61,7 @@ def _pieces(g: Pixels) -> Pixels:
 
 def repeated(g: Pixels) -> bool:
     """Whether pixels were repeated to enlarge a picture: columns are the same as the next ones, and no plain ones."""
-    rows = g[:: max(1, -(-len(g) // MOST_SAMPLED))]
+    rows = g[:: max(1, -(-len(g) // ENOUGH))]
     plain = (rows[1:] == rows[:-1]).all(axis=0)[1:]
     return bool(((rows[:, 1:] == rows[:, :-1]).all(axis=0) & ~plain).sum() > MOST * g.shape[1])
 

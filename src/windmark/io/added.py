@@ -12,6 +12,7 @@ from windmark.io.exchange import add
 from windmark.io.interrupts import interrupts_wait
 from windmark.io.leftovers import put_right
 from windmark.io.staging import silent, staged
+from windmark.io.written import note_written
 
 
 @contextmanager
@@ -34,3 +35,4 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield staging.new
         with interrupts_wait(f"{staging.target} had been written whole before"):
             add(staging)
+            note_written(staging.target)

@@ -16,6 +16,7 @@ from windmark.io.errors import NO_SPACE, FileError, reason, was_read
 from windmark.io.interrupts import interrupts_wait
 from windmark.io.making import PREFIX, Making, left_behind, making
 from windmark.io.staging import Say, resolved, silent
+from windmark.io.written import note_written
 
 # A virus scanner or a viewer may hold a file on Windows for a moment; elsewhere a rename never has to wait.
 _RETRY_AFTER_S: tuple[float, ...] = (0.05, 0.2, 0.5) if os.name == "nt" else ()
@@ -53,7 +54,9 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
             yield made.path
             if os.path.exists(target):
                 shutil.copymode(target, made.path)
-            replace_file(made.path, target)
+            with interrupts_wait():  # what ends the command either comes before the file is there, or knows of it
+                replace_file(made.path, target)
+                note_written(target)
     finally:
         if made is not None:
             with interrupts_wait():

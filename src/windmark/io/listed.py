@@ -31,7 +31,8 @@ def read_listed_markers(path: Pathlike, columns: Sequence[str]) -> tuple[MarkerS
 
     Cells are separated by semicolon, tab, comma or white space, numbers have a decimal point, or all of them a decimal
     comma: whichever makes rows of most lines. Blank lines and those that begin with #, !, % or // are left out, and so
-    are lines before the first row, which have no coordinates.
+    are lines before the first row, which have no coordinates. A name of several words wants another separator than
+    blanks.
 
     Parameters
     ----------
@@ -124,10 +125,16 @@ def _row(line: str, separator: str | None, mark: str, columns: tuple[str, ...]) 
 
 
 def _may_be(line: str, separator: str | None, columns: tuple[str, ...]) -> bool:
-    """Whether a line that is no row may be meant as one: as many cells, numbers among its coordinates."""
+    """Whether a line that is no row may be meant as one: as many cells, numbers among its coordinates; or more cells,
+    as a name of several words has, and a number in each coordinate, counted from the line's ends.
+    """
     cells = [cell.strip() for cell in line.split(separator)]
-    there = (cells[columns.index(name)] for name in XYZ) if len(cells) == len(columns) else ()
-    return any(_is_number(cell.replace(",", "")) for cell in there)
+    more, among = len(cells) - len(columns), any
+    words = next((k for k, name in enumerate(columns) if name in _WORDS), len(columns))
+    if more > 0 and words < len(columns):
+        cells, among = cells[: words + 1] + cells[words + 1 + more :], all
+    there = [cells[columns.index(name)] for name in XYZ] if len(cells) == len(columns) else [""]
+    return among(_is_number(cell.replace(",", "")) for cell in there)
 
 
 def _is_number(cell: str) -> bool:

@@ -30,6 +30,7 @@ from windmark.io.leftovers import put_right
 from windmark.io.manifest import CHANGED, MANIFEST, files_below, read_manifest, sources, write_manifest
 from windmark.io.staging import Say, Staging, silent, staged
 from windmark.io.text import write_json
+from windmark.io.written import note_written
 
 FIXED = ("report.html", "summary.json", MANIFEST)
 """Names that results have: no folder of the target may be called so."""
@@ -109,6 +110,7 @@ def result_folder(
                 described = {**out.about, "refused": out.refused}
                 if live:
                     record = write_manifest(out.place, staging.target, read, described, there, out.hashes)
+                    note_written(staging.target)
                     _say_changed(record, staging.target, say)
                 else:
                     with _withdrawn_unless_it_comes(staging):
@@ -116,6 +118,7 @@ def result_folder(
                         record = write_manifest(out.place, staging.target, read, described, there, out.hashes)
                         with interrupts_wait(f"{staging.target} had been written whole before"):
                             exchange(staging, record, say)
+                            note_written(staging.target)
                             staging.keep = False
                         _say_changed(record, staging.target, say)
                 staging.keep = False

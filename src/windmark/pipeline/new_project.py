@@ -9,7 +9,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from windmark.pipeline.folder import FolderContent, FoundPicture, camera_of
+from windmark.scene import MarkerSet
 
 Rel = Callable[[Path], str]
 FEW = 3
@@ -36,26 +39,56 @@ class Choice:
     roles: tuple[str, ...] = ()
     missing: list[str] = field(default_factory=list)
 
+    def take_markers(self, content: FolderContent, markers: Path | None) -> None:
+        """Choose a table, and of its roles the model's where there are walls as well."""
+        self.markers = markers
+        there = set(content.markers[markers].role.tolist()) if markers in content.markers else set()
+        self.roles = ("model",) if {"model", "wall"} <= there else ()
+
 
 def choose(content: FolderContent, given: Mapping[str, object]) -> Choice:
     """What the files themselves say; ``given`` (unit, camera, markers, grid) wins."""
     said = sorted(set(content.units.values()))
     unit = given.get("unit") or (said[0] if len(said) == 1 else None)
-    tables = sorted(content.markers, key=lambda p: (-len(content.markers[p]), p.name))
-    markers = given.get("markers") or (tables[0] if tables else None)
+    tables = different_tables(content)
+    markers = given.get("markers") or (tables[0] if len(tables) == 1 else None)
     grids = list(content.grids)
     grid = given.get("grid") or (grids[0] if len(grids) == 1 else None)
     cameras: dict[Path, Path | None] = {}
     for picture in content.pictures:
         fitting = [given["camera"]] if given.get("camera") else camera_of(picture, content)
         cameras[picture.path] = fitting[0] if len(fitting) == 1 else None  # type: ignore[assignment]
-    roles: tuple[str, ...] = ()
-    if isinstance(markers, Path) and markers in content.markers:
-        there = set(content.markers[markers].role.tolist())
-        roles = ("model",) if {"model", "wall"} <= there else ()
-    out = Choice(unit, markers, grid, cameras, roles)  # type: ignore[arg-type]
+    out = Choice(unit, None, grid, cameras)  # type: ignore[arg-type]
+    out.take_markers(content, markers)  # type: ignore[arg-type]
     out.missing = missing(content, out)
     return out
+
+
+def different_tables(content: FolderContent) -> list[Path]:
+    """The marker tables, the largest first, without those of which another one has every marker just so."""
+    out: list[Path] = []
+    for path in sorted(content.markers, key=lambda p: (-len(content.markers[p]), p.name)):
+        if not any(_has_all(content.markers[larger], content.markers[path]) for larger in out):
+            out.append(path)
+    return out
+
+
+def _has_all(larger: MarkerSet, table: MarkerSet) -> bool:
+    """Whether every marker of a table is in a larger one, at the same place, of the same size and direction."""
+    row = {name: k for k, name in enumerate(larger.name.tolist())}
+    if larger.length_unit != table.length_unit or not set(row) >= set(table.name.tolist()):
+        return False
+    there = [row[name] for name in table.name.tolist()]
+    return all(
+        np.allclose(getattr(larger, of)[there], getattr(table, of), rtol=1e-9, atol=0.0, equal_nan=True)
+        for of in ("xyz", "normal", "radius")
+    )
+
+
+def which_table(content: FolderContent) -> str:
+    """The marker tables that differ from each other, in words; "" where there are not several."""
+    several = different_tables(content)
+    return f"it may be {' or '.join(p.name for p in several)}, which differ" if len(several) > 1 else ""
 
 
 def missing(content: FolderContent, choice: Choice) -> list[str]:
@@ -75,7 +108,9 @@ def missing(content: FolderContent, choice: Choice) -> list[str]:
             same = [c.name for c, f in content.cameras.items() if f.camera.size_px == size]
             why = f"it may be {' or '.join(same)}" if same else f"none is of {size[0]} x {size[1]} px"
             out.append(f"the camera of {path.name}: {why} (--camera FILE)")
-    if choice.markers is None:
+    if choice.markers is None and (which := which_table(content)):
+        out.append(f"the marker table: {which} (--markers FILE)")
+    elif choice.markers is None:
         out.append("a marker table: CSV with name,x,y,z (and nx,ny,nz,radius), or .tgts; windmark convert --columns "
                    "makes one of another list of points, windmark reconstruct measures one")  # fmt: skip
     if choice.grid is None:

@@ -20,6 +20,7 @@ from windmark.pipeline.new_project import (
     unique_names,
     unit_lines,
     used_cameras,
+    which_table,
 )
 from windmark.scene import MarkerSet
 
@@ -102,8 +103,13 @@ def command(content: FolderContent, choice: Choice, verb: str, output: Path | No
     if choice.markers is not None:
         words += ["-m" if verb == "calibrate" else "-p", shlex.quote(str(choice.markers))]
     elif verb == "calibrate":
-        missing.append("a rough marker table (-m), or the pitch of a dot board (--board)")
+        which = which_table(content)
+        missing.append(f"the marker table (-m): {which}" if which else
+                       "a rough marker table (-m), or the pitch of a dot board (--board)")  # fmt: skip
         words += ["-m", "<rough.csv>"]
+    elif which := which_table(content):
+        missing.append(f"which markers are known (-p; or --free-frame): {which}")
+        words += ["-p", "<primary.csv>"]
     else:
         words += ["--free-frame"]
     if choice.unit:

@@ -59,7 +59,8 @@ class Seat:
     lead : nats by which it does
     shift : root mean square length by which it moves the surface at the points, as far as they tell
     left : root mean square distance of the points near the surface once it is moved
-    axes : exchange of axes (3, 3) of the surface that brings the points onto it; None where none does
+    axes : exchange of axes (3, 3) of the surface that brings the points onto it, mirrored (determinant -1) where no
+        turn does; None where none does
     off : points, of those given, that are above or below the surface on which they should be
     by : how much, for each of them
     hanging : points, of those given, that are far beside the surface: in the air, or on what the grid has not
@@ -254,15 +255,32 @@ def _brought(search: Search, points: Array, size: float, numbers: int) -> Seat:
 
 
 def _exchanged(search: Search, points: Array, size: float) -> NDArray[np.int64] | None:
-    """The turn of the surface's axes by right angles that brings the points onto it; None where no single one does."""
-    fit, some = [], points[:: max(1, len(points) // ASKED)]
+    """The turn of the surface's axes by right angles that brings the points onto it; None where no single one does.
+
+    Two columns that are exchanged leave a mirrored frame: such ones are tried where no turn is right, as of a symmetric
+    body both are.
+    """
+    some = points[:: max(1, len(points) // ASKED)]
+    for hand in (1, -1):
+        fit = []
+        for turn in _turns(hand):
+            # The surface is turned by it: the points by its inverse.
+            apart = _onto(search, some @ turn, NEAR * size)[0]
+            fit.append((float(np.median(apart)), turn))
+        fit.sort(key=lambda f: f[0])
+        alone = fit[0][0] < 0.5 * fit[1][0] or fit[1][0] < ROUNDING * size  # symmetric bodies: any of them
+        if fit[0][0] < OFF * size:
+            return fit[0][1] if alone else None
+    return None
+
+
+def _turns(hand: int) -> list[NDArray[np.int64]]:
+    """The turns by right angles; with ``hand`` -1 the exchanges of axes with signs that leave a mirrored frame."""
+    out = []
     for order in permutations(range(3)):
         for signs in product((1, -1), repeat=3):
             turn = np.eye(3, dtype=np.int64)[list(order)] * np.array(signs)[:, None]
-            if round(np.linalg.det(turn)) == 1 and not (turn == np.eye(3)).all():
-                # The surface is turned by it: the points by its inverse.
-                apart = _onto(search, some @ turn, NEAR * size)[0]
-                fit.append((float(np.median(apart)), turn))
-    fit.sort(key=lambda f: f[0])
-    alone = fit[0][0] < 0.5 * fit[1][0] or fit[1][0] < ROUNDING * size  # symmetric bodies: any of them
-    return fit[0][1] if fit[0][0] < OFF * size and alone else None
+            only_signs = order == (0, 1, 2)  # the frame itself, or mirror images, which `mirrored` has
+            if round(np.linalg.det(turn)) == hand and not (only_signs and (hand < 0 or all(s > 0 for s in signs))):
+                out.append(turn)
+    return out

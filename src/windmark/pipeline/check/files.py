@@ -7,8 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from windmark import io
 from windmark.errors import WindmarkError
+from windmark.io.cameras.plausible import focal_doubt
 from windmark.io.errors import FileError, decoding
 from windmark.io.recordings.folder import picture_files
 from windmark.pipeline.check.paint import paint_tables
@@ -16,10 +19,13 @@ from windmark.pipeline.check.paths import MODELS, other_paths, similar
 from windmark.pipeline.check.places import SINGLE, place_lists
 from windmark.pipeline.check.problems import Checked, Problem, keys_of, noting
 from windmark.pipeline.deform.load import WHERE_IT_STANDS
+from windmark.pipeline.same_picture import copy_words, shown_by
 from windmark.pipeline.settings import existing, existing_picture
 from windmark.pipeline.toml_lines import Key, line_of
 from windmark.pipeline.verdict import BAD
 from windmark.pipeline.verdict.grid import grid_findings, grid_look, grid_notes
+from windmark.pipeline.verdict.inward import inward_findings
+from windmark.pipeline.verdict.picture import picture_findings, picture_state
 from windmark.scene import MarkerSet, Mesh
 
 MOST_PICTURES = 2000
@@ -36,6 +42,7 @@ class Files:
     show: Callable[[str], None]
     numbers: list[int]
     cameras: dict[str, io.CameraFile] = field(default_factory=dict)
+    pictures: dict[bytes, str] = field(default_factory=dict)
 
     def look(self) -> None:
         """Read what is named; from the settings themselves, for these may be wrong elsewhere."""
@@ -97,7 +104,11 @@ class Files:
         self.cameras[str(entry.get("name", "camera"))] = content
         width, height = content.camera.size_px
         focal = f"focal length {content.camera.focal_px:.0f} px"
-        noted = f"; {content.note}" if content.note else ""
+        doubt = focal_doubt(content.camera)
+        if doubt:
+            self.out.problems.append(Problem(line_of(self.lines, ("camera", n, "file")), f"camera[{n}].file", doubt))
+        note = "; ".join(said for said in content.note.split("; ") if said != doubt)
+        noted = f"; {note}" if note else ""
         self.out.read.append(f"camera {entry.get('name', 'camera')}: {width} x {height} px, {focal}{noted}")
         self._unit(f"camera[{n}].file", content.length_unit if content.cam_from_model is not None else "")
         if content.cam_from_model is None and (self.out.kind != "run" or entry.get("pose") == "known"):
@@ -137,7 +148,7 @@ class Files:
 
     def _fit(self, markers: MarkerSet, mesh: Mesh, unit: str) -> None:
         look = grid_look(markers, mesh)
-        for found in grid_findings(markers, mesh, unit, look=look):
+        for found in grid_findings(markers, mesh, unit, look=look) + ([] if look is None else inward_findings(look)):
             if found.word == BAD or found.cause == "units":
                 line = line_of(self.lines, ("markers", "file"))
                 self.out.problems.append(Problem(line, "markers.file", found.reason))
@@ -162,6 +173,17 @@ class Files:
                 words = f"is {size[0]} x {size[1]} px, its camera {w} x {h}; expected the camera that took this image"
                 raise FileError(full, words)
             self.out.read.append(f"image {Path(file).name}: {size[0]} x {size[1]} px, {image.dtype}")
+            self._shown(full, image)
+
+    def _shown(self, full: Path, image: NDArray[Any]) -> None:
+        """What a picture itself says: it shows nothing, or what one before it shows."""
+        for found in picture_findings(picture_state(image, None, "")):
+            if found.word == BAD:
+                raise FileError(full, found.reason)
+            self.out.read.append(f"to look at: {full.name}: {found.reason}")
+        first = self.pictures.setdefault(shown_by(image), full.name)
+        if first != full.name:
+            raise FileError(full, copy_words(first))
 
     def _list(self, key: str, images: Any, camera: str) -> None:
         patterns = [images] if isinstance(images, str) else images if isinstance(images, list) else []

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
-from windmark.errors import DataError
+from windmark.errors import DataError, g3
 from windmark.paint import NotFitted, PlanckBand, SensorRadiance, fit_sensor_radiance
 from windmark.paint.radiance import Radiance
 from windmark.pipeline.deform.frames import files_of
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.infrared.project import CameraEntry, InfraredProject
+from windmark.pipeline.light import without_dead
 from windmark.pipeline.psp.bits import Bits, otherwise, shifted
 from windmark.pipeline.psp.columns import temperatures
 from windmark.pipeline.psp.stream import FROZEN_K, TEMPERATURE
@@ -108,7 +109,8 @@ class ThermalSensor:
             value = value - self.cold + np.nanmedian(self.cold)
             variance = variance * (1 + 1 / self.frames)
         bad = full if self.dead is None else full | self.dead
-        return np.where(bad, np.nan, value), np.where(bad, np.nan, variance), full
+        value = without_dead(np.where(bad, np.nan, value))
+        return value, np.where(np.isnan(value), np.nan, variance), full
 
 
 def to_signal(entry: CameraEntry, radiance: Radiance, picture: NDArray[np.generic]) -> Array:
@@ -131,10 +133,9 @@ def _interpolated(radiance: Radiance, kelvin: Array) -> Array:
 
 
 def _full(picture: NDArray[np.generic], saturation: float | None) -> Mask:
-    """Saturated pixels: by the project's number, or where the picture itself is at its highest level."""
-    if saturation is not None:
-        return np.asarray(picture >= saturation)  # type: ignore[operator]
-    return np.asarray(picture >= saturation_level(picture))  # type: ignore[operator]
+    """Saturated pixels: by the project's number, and where the picture itself is at its highest level below that."""
+    level = saturation_level(picture)
+    return np.asarray(picture >= (level if saturation is None else min(level, saturation)))  # type: ignore[operator]
 
 
 def read_sensor(project: InfraredProject, index: int, station: Station) -> ThermalSensor:
@@ -148,6 +149,11 @@ def read_sensor(project: InfraredProject, index: int, station: Station) -> Therm
     entry, key = project.camera[index], f"camera[{index}]"
     radiance = _radiance(entry)
     even = [_even(project, f"{key}.even", pattern, station) for pattern in entry.even]
+    # A pixel that is clipped in an even picture has another response there than it seems: no number shows it later.
+    clipped = [np.any([_full(np.asarray(p), entry.saturation) for p in own], axis=0) for own in even]
+    if (share := max((float(full.mean()) for full in clipped), default=0.0)) > MOST_DEAD:
+        why = f"{g3(100 * share)} % of an even picture's pixels are saturated; expected them below that"
+        raise io.FileError(project.path, why, f"{key}.even")
     stacks = [np.stack([to_signal(entry, radiance, p) for p in own]) for own in even]
     bits, level = Bits(), float("nan")
     if even:
@@ -170,9 +176,8 @@ def read_sensor(project: InfraredProject, index: int, station: Station) -> Therm
             why = "the two even pictures hardly differ; expected a colder and a warmer black body"
             raise io.FileError(project.path, why, f"{key}.even")
         dead = ~((rise > np.median(rise) / ODD) & (rise < np.median(rise) * ODD))
-    for s in scatter:
-        noisy = s > HOT**2 * np.median(s)
-        dead = noisy if dead is None else dead | noisy
+    for odd in [*(s > HOT**2 * np.median(s) for s in scatter), *(full for full in clipped if full.any())]:
+        dead = odd if dead is None else dead | odd
     cold, hot = (*means, None, None)[:2]
     return ThermalSensor(radiance, entry, cold, hot, min((len(s) for s in stacks), default=1), noise, dead, bits, level,
                          tuple(patterns))  # fmt: skip

@@ -17,6 +17,7 @@ from windmark.paint import correct_picture, enough
 from windmark.pipeline.deform.followed import Followed
 from windmark.pipeline.deform.names import key_of_file
 from windmark.pipeline.deform.pictures import follow_deformation, read_levels
+from windmark.pipeline.light import without_dead
 from windmark.pipeline.psp.instants import alone_words, by_instant, in_order
 from windmark.pipeline.psp.load import PspTest
 from windmark.pipeline.psp.once import Once
@@ -112,7 +113,8 @@ def _taken(test: PspTest, camera: str, name: str, file: io.PictureFile) -> Taken
         done = correct_picture(missing_at(image, mixed), test.sensors[camera].model, most_saturated=most)
     except WindmarkError as error:
         return Taken(name, None, why=str(error), key=key_of_file(file))
-    value, variance = (np.where(done.usable, v, np.nan) for v in (done.value, done.variance))
+    value = without_dead(np.where(done.usable, done.value, np.nan))
+    variance = np.where(np.isnan(value), np.nan, done.variance)
     return Taken(name, image, value, variance, done.lasting, content=content_of(image), key=key_of_file(file))
 
 

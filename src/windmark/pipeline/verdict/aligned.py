@@ -7,6 +7,7 @@ from typing import Any
 
 from windmark.errors import g2
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.copied import copied_findings
 from windmark.pipeline.verdict.picture import PictureState, picture_findings
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 from windmark.scene.repeated import ONCE_MORE
@@ -26,15 +27,19 @@ _REFUSED = {
 _UNREAD = ("file", "read the reason; export the picture again")
 
 
-def align_verdict(rows: Sequence[Record], states: Mapping[str, PictureState]) -> Verdict:
+def align_verdict(
+    rows: Sequence[Record], states: Mapping[str, PictureState], contents: Mapping[str, bytes] | None = None
+) -> Verdict:
     """Judge an alignment.
 
     Parameters
     ----------
     rows : one record an image, as ``summary.json`` has them
     states : by name, the reference's included
+    contents : `same_picture.shown_by` by name, the reference's first
     """
     found = [f.at(name) for name, state in states.items() for f in picture_findings(state)]
+    found += copied_findings((contents or {}).items())
     for row in rows:
         found += [f.at(row["image"]) for f in (_aligned(row) if row["aligned"] else [_refused(row)])]
     good = [row for row in rows if row["aligned"]]

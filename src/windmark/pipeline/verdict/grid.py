@@ -159,7 +159,8 @@ def _beside(found: Seat, markers: MarkerSet, unit: str) -> list[Finding]:
     off = f"most of the markers are over {g2(found.most)} {unit} off the grid's surface"
     if found.axes is not None:
         axes = ", ".join(("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in found.axes)
-        said = f"{off}; with its {axes} as x, y, z it goes through them: its axes are exchanged"
+        hand = "" if np.linalg.det(found.axes) > 0 else ", and so its frame is left-handed"
+        said = f"{off}; with its {axes} as x, y, z it goes through them: its axes are exchanged{hand}"
         return [Finding(BAD, "grid", said, "turn the grid (or the table) to the other's axes")]
     if found.moved is not None and found.lead > rules.PATTERN_NATS and found.shift > rules.GRID_BESIDE * found.size:
         moved = _motion(found, markers.xyz, unit)

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from windmark.errors import g2
 from windmark.paint.cameras import cameras_apart
 from windmark.pipeline.results import ImageResult, RunResult
+from windmark.pipeline.same_picture import shown_by
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.apart import apart_findings
+from windmark.pipeline.verdict.copied import copied_findings
 from windmark.pipeline.verdict.given import NOTHING_MATCHED, empty_lists, given_pose
 from windmark.pipeline.verdict.grid import grid_findings
 from windmark.pipeline.verdict.lengths import section_findings
@@ -31,6 +33,7 @@ def run_verdict(result: RunResult) -> Verdict:
     found: list[Finding] = []
     for item in result.images:
         found += [f.at(item.name) for f in _image(item, result)]
+    found += copied_findings((item.name, shown_by(item.image)) for item in result.images if item.image is not None)
     if result.markers is not None and result.mesh is not None:
         seen = _seen(result)
         beside = grid_findings(result.markers, result.mesh, result.project.length_unit, seen, result.look)

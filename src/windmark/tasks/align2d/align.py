@@ -13,7 +13,7 @@ from windmark.errors import UsageError
 from windmark.geometry.planar import KINDS, Choice, PlanarFit, PlanarTransform, choose, sound_pairs
 from windmark.options.detection import MERIT_MAX, POLARITY
 from windmark.scene import Detections
-from windmark.scene.levels import saturated_as_missing
+from windmark.scene.levels import missing_at, saturated_as_missing
 from windmark.tasks.align2d.apart import moved_together
 from windmark.tasks.align2d.matching import SpotMatching, match_spots
 from windmark.tasks.align2d.result import ImageAlignment, NotAligned
@@ -115,7 +115,9 @@ def align_images(
     if pairs is None:
         rejected, still = _with_left_over(a, b, kept, rejected, still, fit, picture.shape[:2], options)
     height, width = base.shape[:2]
-    light = saturated_as_missing(picture)[0] if picture.ndim == 2 else picture
+    light = picture
+    if picture.ndim == 2:
+        light = missing_at(saturated_as_missing(picture)[0], detection.dead_pixels(picture))
     values = resection.warp_image(light, unfolded(fit.transform, a.xy[kept[:, 0]]), (width, height))
     return ImageAlignment(
         values, fit.transform, a, b, kept, rejected, still, fit.residual, fit.held_out, choice.trials, choice.reason,
