@@ -1,4 +1,6 @@
-"""Pictures whose focal length or principal point is not that of the others (focused anew, cut), or that are sheared."""
+"""Pictures whose focal length, principal point or distortion is not that of the others (focused anew, cut), or that are
+sheared.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,7 @@ from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
 from windmark.calibration.view_changes import (
     ANEW,
+    DISTORTION,
     FOCAL,
     PRINCIPAL_POINT,
     SHEAR,
@@ -24,12 +27,18 @@ from windmark.scene import Doubt
 
 NAMED = 5
 """Pictures that are named at most."""
-THINGS = {"focal": "focal length", "principal": "principal point", "sheared": "shear"}
-"""What may be another one in a view, by the cause of its doubt; the first two by the option that frees them, too."""
+THINGS = {
+    "focal": "focal length", "principal": "principal point", "sheared": "shear", "distorted": "distortion",
+}  # fmt: skip
+"""What may be another one in a view, by the cause of its doubt."""
+UNITS = {"focal": (100, " %"), "principal": (1, " px"), "sheared": (100, " %"), "distorted": (1, " of k1")}
+"""In what its size is said: a factor and the unit."""
+FREED = {"focal": "free_focal", "principal": "free_principal"}
+"""The option that frees it."""
 
 
 def changes(job: Job, solved: Solved) -> dict[str, Asked]:
-    """Whether views ask for a focal length, a principal point or a shear of their own (Baarda 1968), by `THINGS`."""
+    """Whether views ask for a focal length, a principal point, ... of their own (Baarda 1968), by `THINGS`."""
     found = equations_of(solved)
     if not len(found.views):
         return dict.fromkeys(THINGS, Asked())
@@ -38,6 +47,7 @@ def changes(job: Job, solved: Solved) -> dict[str, Asked]:
         "focal": asked(job, solved, found, FOCAL, worst_focal),
         "principal": asked(job, solved, found, PRINCIPAL_POINT, worst_shifts if by_itself else None),
         "sheared": asked(job, solved, found, SHEAR, None),
+        "distorted": asked(job, solved, found, DISTORTION, None),
     }
 
 
@@ -79,9 +89,10 @@ def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
 
 def _said(most: Asked, kind: str) -> Doubt:
     """What is asked for, in words."""
-    by = "" if kind == "sheared" else f" (free_{kind})"
+    by = f" ({FREED[kind]})" if kind in FREED else ""
     if not most.own:
-        size = f"{g2(100 * most.together)} %" if kind != "principal" else f"{g2(most.together)} px"
+        scale, unit = UNITS[kind]
+        size = f"{g2(scale * most.together)}{unit}"
         return Doubt((), f"{THINGS[kind]}s of the pictures differ by {size} (rms){by}", kind)
     worst = most.own[:NAMED]
     listed = ", ".join(f"{{}} ({amount(found, kind)})" for found in worst)
@@ -92,6 +103,6 @@ def _said(most: Asked, kind: str) -> Doubt:
 
 def amount(found: Otherwise, kind: str) -> str:
     """The change of a view with its sigma, in words."""
-    scale, unit = (1, "px") if kind == "principal" else (100, "%")
+    scale, unit = UNITS[kind]
     numbers = zip(scale * found.change, scale * found.sigma, strict=True)
-    return ", ".join(f"{change:+.2g} +- {g1(sigma)}" for change, sigma in numbers) + f" {unit}"
+    return ", ".join(f"{change:+.2g} +- {g1(sigma)}" for change, sigma in numbers) + unit
