@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from windmark.calibration.changed_scene import changed_scene
+from windmark.calibration.held_interior import held_wrongly
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
 from windmark.calibration.view_changes import (
@@ -16,6 +17,7 @@ from windmark.calibration.view_changes import (
     PRINCIPAL_POINT,
     SHEAR,
     Asked,
+    Equations,
     Otherwise,
     asked,
     equations_of,
@@ -37,9 +39,9 @@ FREED = {"focal": "free_focal", "principal": "free_principal"}
 """The option that frees it."""
 
 
-def changes(job: Job, solved: Solved) -> dict[str, Asked]:
+def changes(job: Job, solved: Solved, found: Equations | None = None) -> dict[str, Asked]:
     """Whether views ask for a focal length, a principal point, ... of their own (Baarda 1968), by `THINGS`."""
-    found = equations_of(solved)
+    found = equations_of(solved) if found is None else found
     if not len(found.views):
         return dict.fromkeys(THINGS, Asked())
     by_itself = set(job.free_focal) >= {v.name for v in job.views}
@@ -60,10 +62,14 @@ def asked_most(asking: Mapping[str, Asked]) -> tuple[str, Asked]:
 
 def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
     """What is said of pictures that are not as the others of their camera, or may not be."""
-    asking = changes(job, solved)
+    equations = equations_of(solved)
+    asking = changes(job, solved, equations)
     focal, principal = asking["focal"], asking["principal"]
     kind, most = asked_most(asking)
     scene = changed_scene(job, solved)
+    wrong = held_wrongly(job, solved, equations, differ=bool(kind or scene))
+    if wrong is not None and wrong.lead > max(most.lead if kind else 0.0, scene.lead if scene else 0.0):
+        return (wrong.doubt(),)
     if scene is not None and (not kind or scene.lead > most.lead):
         return (scene.doubt(job.markers.length_unit),)
     if kind:

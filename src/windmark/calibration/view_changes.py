@@ -163,7 +163,8 @@ def asked(
         change, test, count = explained(power, pull)
         if chance_beside(test, count, solved) < FALSE:
             rms = float(np.sqrt(kinds * ((change / size) ** 2).mean()))
-        lead = max(_lead(solved, test, count), *(_lead_of(solved, power, pull, alone[:m], kinds) for m in (1, len(own))))
+        some = [_lead_of(solved, power, pull, alone[:m], kinds) for m in (1, len(own))]
+        lead = max(_lead(solved, test, count), *some)
     if worst_of is worst_focal:
         worst = worst_focal(solved, views, blocks[n, 0, n, 0], equations.focal[:, of, 0])
     elif worst_of is worst_shifts:
