@@ -5,8 +5,11 @@ sheared.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from windmark.calibration.changed_scene import changed_scene
+from windmark.calibration.datum import Free
+from windmark.calibration.held_interior import CAUSE as HELD
 from windmark.calibration.held_interior import held_wrongly
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
@@ -60,20 +63,44 @@ def asked_most(asking: Mapping[str, Asked]) -> tuple[str, Asked]:
     return kind, asking.get(kind, Asked())
 
 
-def change_doubts(job: Job, solved: Solved) -> tuple[Doubt, ...]:
-    """What is said of pictures that are not as the others of their camera, or may not be."""
+def change_doubts(job: Job, solved: Solved, alone: Solved | None = None, *, misfit: bool = False) -> tuple[Doubt, ...]:
+    """What is said of pictures that are not as the others of their camera, or may not be.
+
+    ``alone``: the same pictures without known markers. A table of the wrong shape bends the network, and pictures seem
+    to ask for shears or another scene, of which their marks know nothing. ``misfit``: that is known and said already.
+    """
+    said = _differing(job, solved)
+    own = said and alone is not None and _differing(replace(job, datum=Free(), distances=()), alone)
+    if own:
+        return own
+    if not said or (alone is not None and misfit):
+        return _unchecked(job, solved, changes(job, solved))
+    (doubt,) = said
+    if alone is None or doubt.cause == HELD:
+        return said
+    words = (
+        "the known markers do not have the shape that the pictures give them, or these are too few to show alone what "
+        f"they show beside them; without known places they agree, with them: {doubt.words}"
+    )
+    return (Doubt(doubt.names, words, "table"),)
+
+
+def _differing(job: Job, solved: Solved) -> tuple[Doubt, ...]:
+    """What the marks of pictures say against these, one doubt at most."""
     equations = equations_of(solved)
-    asking = changes(job, solved, equations)
-    focal, principal = asking["focal"], asking["principal"]
-    kind, most = asked_most(asking)
+    kind, most = asked_most(changes(job, solved, equations))
     scene = changed_scene(job, solved)
     wrong = held_wrongly(job, solved, equations, differ=bool(kind or scene))
     if wrong is not None and wrong.lead > max(most.lead if kind else 0.0, scene.lead if scene else 0.0):
         return (wrong.doubt(),)
     if scene is not None and (not kind or scene.lead > most.lead):
         return (scene.doubt(job.markers.length_unit),)
-    if kind:
-        return (_said(most, kind),)
+    return (_said(most, kind),) if kind else ()
+
+
+def _unchecked(job: Job, solved: Solved, asking: Mapping[str, Asked]) -> tuple[Doubt, ...]:
+    """What of the pictures nothing checks."""
+    focal, principal = asking["focal"], asking["principal"]
     if focal.worst is not None:
         off = f"{g2(focal.worst.off)} px, {g2(focal.worst.sigmas)} of its sigmas"
         words = (

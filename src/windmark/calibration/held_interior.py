@@ -31,6 +31,7 @@ SHEAR = {"shear": 3}
 LEFT = 1e-5
 """Share of a change of all pictures that the network's unknowns leave over, below which it is not told: a principal
 point beside a free decentering leaves some 5e-5. That the derivatives are of first order makes up to 2e-6."""
+CAUSE = "camera"
 WORDS = {"focal_px": " px", "cx": " px", "cy": " px"}
 
 
@@ -57,7 +58,7 @@ class Wrong:
         names = tuple(n for camera, name, *_ in self.found for n in (name, camera))
         moving = " (a rolling shutter that moves alike in all pictures makes a shear, too)"
         shear = moving if any(name == "shear" for _, name, *_ in self.found) else ""
-        return Doubt(names, f"{listed}: free it, or give its right value{shear}", "camera")
+        return Doubt(names, f"{listed}: free it, or give its right value{shear}", CAUSE)
 
 
 def held_wrongly(job: Job, solved: Solved, equations: Equations, *, differ: bool) -> Wrong | None:
