@@ -203,8 +203,17 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved, *, cleane
         for b, t in verdict.wrong.items()
     ]  # fmt: skip
     if verdict.factor > 1:
-        out.append(_misfit(job, verdict, cleaned))
+        bars = tuple(n for b in range(points, len(control)) for n in names(b))
+        out.append(_two_families(verdict.ratio, bars, cleaned) if verdict.ratio else _misfit(job, verdict, cleaned))
     return tuple(out)
+
+
+def _two_families(ratio: float, bars: tuple[str, ...], cleaned: bool) -> Doubt:
+    """Known places and distances that contradict each other, and each agree."""
+    listed = ", ".join(["{} to {}"] * (len(bars) // 2))
+    return Doubt(bars, f"the known distances {listed} agree with each other, and so do the known places, but the "
+                       f"distances are {ratio:.6g} times what the places make them: one kind is wrong, or in "
+                       f"another unit; {'both sigmas were enlarged' if cleaned else UNTOUCHED}", "control")  # fmt: skip
 
 
 def _misfit(job: Job, verdict: Verdict, cleaned: bool) -> Doubt:
