@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from windmark.calibration import Calibration, Free, self_calibrate
-from windmark.calibration.changed_scene import FIRST, _by_place, _Divided, _field
+from windmark.calibration.changed_scene import FIRST, _by_place, _Divided, _field, _lots
 from windmark.calibration.hypotheses import gathered
 from windmark.calibration.view_changes import explained
 from windmark.geometry import Camera, Pose
@@ -90,6 +90,31 @@ def test_a_lens_that_is_not_the_given_one_is_no_change_of_the_scene():
     """Its errors differ from picture to picture, in one division of them as in another."""
     other = replace(CAMERA, k1=-0.11)
     assert "scene" not in [d.cause for d in calibrated(cameras=lambda _: other).doubts]
+
+
+@pytest.mark.parametrize("picture", [0, 1, 18, 19])
+@pytest.mark.parametrize(
+    ("other", "cause"),
+    [(replace(CAMERA, cx=809.0), "principal"), (replace(CAMERA, focal_px=1507.5), "focal"),
+     (replace(CAMERA, shear=0.0015), "sheared"), (replace(CAMERA, k1=-0.085), "distorted")],
+)  # fmt: skip
+def test_one_odd_picture_at_either_end_is_no_change_of_the_scene(picture, other, cause):
+    """As the first or last of 20 it is half of a division that no other one by lot resembles."""
+    result = calibrated(views=20, cameras=lambda k: other if k == picture else CAMERA)
+    (doubt,) = (d for d in result.doubts if d.cause != "focus")
+    assert doubt.names[0] == f"v{picture}"
+    assert doubt.cause == cause or (doubt.cause == "picture" and "by its " in str(doubt))
+
+
+@pytest.mark.parametrize(("count", "later"), [(4, 2), (20, 18), (20, 2), (16, 14), (24, 22), (20, 10), (23, 20)])
+def test_lots_are_other_divisions_and_leave_no_picture_out(count, later):
+    asked = np.arange(count) >= later
+    lots = np.array(_lots(asked))
+    few = min(later, count - later)
+    assert (lots.sum(axis=1) == few).all()
+    assert len(lots) >= 2
+    assert (np.abs([np.corrcoef(lot, asked)[0, 1] for lot in lots]) < 0.5).all()
+    assert lots.any(axis=0).all()
 
 
 def test_what_divisions_explain_is_that_of_their_pictures_taken_anew(monkeypatch):

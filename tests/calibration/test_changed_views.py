@@ -6,8 +6,9 @@ import networks
 import numpy as np
 import pytest
 
-from windmark.calibration import Free, self_calibrate
+from windmark.calibration import Fixed, Free, Weighted, self_calibrate
 from windmark.calibration.view_changes import explained, most_explained, told
+from windmark.scene import MarkerSet, Observations, View
 
 
 def calibrated(change, seed=31, views=10):
@@ -17,6 +18,40 @@ def calibrated(change, seed=31, views=10):
     about = observations.xy - [camera.cx, camera.cy]
     moved = np.stack([change(v, at) for v, at in zip(observations.view, about, strict=True)])
     return self_calibrate(replace(observations, xy=observations.xy + moved), markers, cameras, named, datum=Free())
+
+
+def by_a_table(change, datum, views=10, camera=None):
+    """Calibration of a flat plate whose known places are right where ``change`` leaves them so."""
+    case = networks.make(3, points=1, views=views)
+    grid = np.stack(np.meshgrid(np.arange(9.0) - 4, np.arange(7.0) - 3), axis=-1).reshape(-1, 2) * 50
+    table = np.column_stack([grid, np.zeros(len(grid))])
+    rng, true, marks = np.random.default_rng(5), table @ change, []
+    for v, (turn, shift) in enumerate(zip(case.truth.frames.rotation, case.truth.frames.translation, strict=True)):
+        marks.append((camera(v) if camera else networks.CAMERA).project(true @ turn.T + shift)[0])
+    view, point = np.divmod(np.arange(views * len(table)), len(table))
+    xy = np.concatenate(marks) + rng.normal(0, 0.05, (len(view), 2))
+    observations = Observations(view, point, xy, np.tile(0.0025 * np.eye(2), (len(view), 1, 1)))
+    markers = MarkerSet.make([f"m{k:02d}" for k in range(len(table))], table, length_unit="mm")
+    return self_calibrate(
+        observations, markers, {"camera": networks.ROUGH}, [View(f"v{v:02d}") for v in range(views)], datum=datum
+    )
+
+
+@pytest.mark.parametrize("datum", [Fixed(), Weighted(sigma=0.05)])
+@pytest.mark.parametrize("size", [5e-4, 1e-2])
+def test_a_table_of_the_wrong_shape_is_no_shear_of_the_pictures(datum, size):
+    """The same marks agree with each other without it."""
+    result = by_a_table(np.diag([1 + size, 1, 1]), datum)
+    assert causes(result)
+    assert set(causes(result)) <= {"table", "control"}
+    assert not by_a_table(np.diag([1 + size, 1, 1]), Free()).doubts
+
+
+def test_sheared_pictures_of_a_right_table_are_still_that():
+    other = replace(networks.CAMERA, shear=2e-3)
+    result = by_a_table(np.eye(3), Weighted(sigma=0.05), camera=lambda v: other if v == 4 else networks.CAMERA)
+    assert [(d.cause, d.names[0]) for d in result.doubts] == [("sheared", "v04")]
+    assert by_a_table(np.eye(3), Weighted(sigma=0.05)).doubts == ()
 
 
 def causes(result):

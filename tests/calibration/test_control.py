@@ -120,6 +120,17 @@ def test_control_that_is_worse_than_its_sigmas_everywhere_gets_larger_ones(case)
     assert off.max() < 5
 
 
+def test_distances_that_agree_against_places_that_agree_are_named_with_their_ratio(case):
+    """No single one of them heals it: it was said that none is at fault."""
+    xyz, pairs = case.truth.points, [(6, 7), (8, 9)]
+    bars = [Distance(*names(p), 1.05 * float(np.linalg.norm(xyz[p[0]] - xyz[p[1]])), SIGMA) for p in pairs]
+    result = run(case, known(case), datum=Weighted(names(CONTROL), SIGMA), distances=bars)
+    (doubt,) = result.doubts
+    assert (doubt.cause, doubt.names) == ("control", ("m06", "m07", "m08", "m09"))
+    said = str(doubt)
+    assert float(said.split("distances are ")[1].split(" ")[0]) == pytest.approx(1.05, abs=2e-3)
+
+
 def test_without_rejection_wrong_control_stays_but_is_named(case):
     result = run(case, known(case, 1.5), datum=Weighted(names(CONTROL), SIGMA), reject=False)
     assert "m00" in result.suspect

@@ -38,7 +38,9 @@ LEAST = 2
 BLOCKS = 24
 """Consecutive pictures are taken together where there are more than so many."""
 LOTS = 12
-"""Divisions by lot."""
+"""Divisions by lot at least."""
+ALIKE = 0.5
+"""Correlation with the division that is asked for, from which one by lot is no other one."""
 UNLIKELY = FALSE / 3
 """Probability that a change is said where there is none."""
 LEAST_MARKERS = 10
@@ -99,7 +101,7 @@ def changed_scene(job: Job, solved: Solved) -> Changed | None:
     unknowns = np.arange(3 * field.shape[1]).reshape(3, -1)
     for kinds in (unknowns[:, :FIRST].ravel(), unknowns.ravel()):
         (_, test, count), k = all_splits.some(kinds).most(splits)
-        lead = float(test / solved.scale - count * np.log(2 * solved.used.sum()))
+        lead = float(test / solved.scale - count * np.log(2 * solved.used.sum()) - 2 * np.log(len(splits)))
         if not chance_beside(test, count, solved) < UNLIKELY / (2 * len(splits)) or (best and lead < best[0]):
             continue
         if every.some(kinds).by_nothing_else(np.arange(len(ends)) >= k, test, count):
@@ -178,14 +180,14 @@ class _Divided:
 
     def by_nothing_else(self, later: Mask, test: float, count: int) -> bool:
         """Whether divisions by lot explain clearly less, and beside this one nothing but chance."""
-        lots = _lots(len(later), int((~later).sum()))
+        lots = _lots(later)
         if max((self.explained(lot)[1] for lot in lots), default=0.0) > test - SURE * self.solved.scale:
             return False
         free = self.solved.redundancy - count
         left = (self.solved.sigma0**2 * self.solved.redundancy - test) / max(free, 1)
         both = [self.explained(later, lot) for lot in lots]
         chances = [chdtrc(max(n - count, 1), max(more - test, 0.0) / left) for _, more, n in both]
-        return not chances or float(np.median(chances)) > USUAL
+        return bool(chances) and float(np.median(chances)) > USUAL
 
 
 @dataclass(frozen=True)
@@ -259,15 +261,21 @@ def _field(solved: Solved, points: Ints) -> Array:
     return np.column_stack([np.ones(len(x)), x, x[:, a] * x[:, b]])
 
 
-def _lots(count: int, later: int) -> list[Mask]:
-    """Divisions of the blocks by lot, ``later`` of them in the one part; none that has few exchanged."""
-    rng, out = np.random.default_rng(0), list[Mask]()
-    straight = np.arange(count) >= later
+def _lots(later: Mask) -> list[Mask]:
+    """Divisions of the blocks by lot, with as many in the smaller part: each block is in that of one of them.
+
+    None that shares half of its variance or more with the division that is asked for.
+    """
+    rng, few = np.random.default_rng(0), int(min(later.sum(), (~later).sum()))
+    out = list[Mask]()
     for _ in range(LOTS):
-        lot = rng.permutation(straight)
-        same = (lot == straight).mean()
-        if 0.25 < same < 0.75:
-            out.append(lot)
+        order = rng.permutation(len(later))
+        starts = range(0, len(order), few) if 2 * few < len(order) else (0,)  # of two halves each is the other's
+        for lot in (np.isin(np.arange(len(order)), order[min(k, len(order) - few) :][:few]) for k in starts):
+            if abs(np.corrcoef(lot, later)[0, 1]) < ALIKE:
+                out.append(lot)
+        if len(out) >= LOTS:
+            break
     return out
 
 

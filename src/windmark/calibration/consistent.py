@@ -41,12 +41,16 @@ class Held:
     solved : adjusted with that
     doubts : what of the control was left out or contradicts
     unclear : why the control cannot be used: which of it is wrong cannot be told; None if it can
+    alone : the pictures without known markers, where there are some: what single pictures ask for is asked there, too
+    misfit : whether all of the control fits badly, and none of it worse than the others
     """
 
     job: Job
     solved: Solved
     doubts: tuple[Doubt, ...] = ()
     unclear: Doubt | None = None
+    alone: Solved | None = None
+    misfit: bool = False
 
 
 def with_control(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Held:
@@ -79,7 +83,9 @@ def with_control(job: Job, state: NetworkState, good: Mask, options: dict[str, A
     start = _together(job, state, alone, verdict.fit, seen)
     fits = fitting(alone)
     fits |= good & ~alone.taken
-    return _with_priors(Held(job, with_eccentricity(job, start, good, options, fits), doubts), good, options)
+    solved = with_eccentricity(job, start, good, options, fits)
+    held = Held(job, solved, doubts, None, alone if len(control.point) else None, verdict.factor > 1)
+    return _with_priors(held, good, options)
 
 
 def _with_priors(held: Held, good: Mask, options: dict[str, Any]) -> Held:
@@ -197,8 +203,17 @@ def _said(job: Job, control: Control, verdict: Verdict, alone: Solved, *, cleane
         for b, t in verdict.wrong.items()
     ]  # fmt: skip
     if verdict.factor > 1:
-        out.append(_misfit(job, verdict, cleaned))
+        bars = tuple(n for b in range(points, len(control)) for n in names(b))
+        out.append(_two_families(verdict.ratio, bars, cleaned) if verdict.ratio else _misfit(job, verdict, cleaned))
     return tuple(out)
+
+
+def _two_families(ratio: float, bars: tuple[str, ...], cleaned: bool) -> Doubt:
+    """Known places and distances that contradict each other, and each agree."""
+    listed = ", ".join(["{} to {}"] * (len(bars) // 2))
+    return Doubt(bars, f"the known distances {listed} agree with each other, and so do the known places, but the "
+                       f"distances are {ratio:.6g} times what the places make them: one kind is wrong, or in "
+                       f"another unit; {'both sigmas were enlarged' if cleaned else UNTOUCHED}", "control")  # fmt: skip
 
 
 def _misfit(job: Job, verdict: Verdict, cleaned: bool) -> Doubt:

@@ -38,6 +38,7 @@ class Verdict:
     fit : takes the network onto the right control
     off : how far known points are off besides their sigmas then (1 sigma per coordinate, length units); 0: not asked
     exchanged : the two points in each other's place, as far as that is what is `wrong` or `unclear`
+    ratio : of the distances to what the points make them, where each of the two kinds agrees in itself; 0: not so
     """
 
     fit: Similarity
@@ -46,6 +47,7 @@ class Verdict:
     factor: float = 1.0
     off: float = 0.0
     exchanged: tuple[int, ...] = ()
+    ratio: float = 0.0
 
 
 def control_of(job: Job, seen: Mask) -> Control:
@@ -82,7 +84,7 @@ def judge(control: Control, solved: Solved, rough: Similarity) -> Verdict:
         out = Verdict(
             found.fit if g == 0 else out.fit, out.wrong | {int(at[b]): t for b, t in found.wrong.items()},
             (*out.unclear, *(int(at[b]) for b in found.unclear)), max(out.factor, found.factor),
-            max(out.off, found.off),
+            max(out.off, found.off), ratio=max(out.ratio, found.ratio),
         )  # fmt: skip
     # Of two in each other's place none is the only one that is wrong.
     several = len(out.wrong) > 1 or out.unclear or out.factor > 1
@@ -167,11 +169,27 @@ def _judged(control: Control, solved: Solved, rough: Similarity) -> Verdict:
         if len(heals) > 1 or (not heals and (not tried or 3 * (len(wrong) + 1) > len(control))):
             every = np.ones(len(control), dtype=np.bool_)
             whole = test.of(every)
-            return Verdict(whole.fit, factor=float(np.sqrt(max(whole.value, 1.0))), off=test.off(whole))
+            factor = float(np.sqrt(max(whole.value, 1.0)))
+            return Verdict(whole.fit, factor=factor, off=test.off(whole), ratio=_ratio(control, solved, rough))
         worst = heals[0] if heals else tried[0]
         used[worst] = False
         wrong[worst] = float(blocks.value[worst])
         seen = test.without(seen, used, worst)
+
+
+def _ratio(control: Control, solved: Solved, rough: Similarity) -> float:
+    """Of the distances to what the points make them, where each kind agrees in itself; else 0."""
+    points, bars = _part(control, np.arange(len(control.point)), slice(0, 0)), _part(control, np.arange(0), slice(None))
+    if len(bars) < 2 or not hold_frame(points.xyz):
+        return 0.0
+    scale = []
+    for part in (points, bars):
+        used = np.ones(len(part), dtype=np.bool_)
+        seen = Test(part, solved, rough).of(used)
+        if seen.free <= 0 or not _fits(seen, seen.blocks(), used):
+            return 0.0
+        scale.append(seen.fit.scale)
+    return scale[1] / scale[0]
 
 
 def _heals(test: Test, seen: Seen, blocks: Blocks, used: Mask, block: int) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.calibration.changed_views import THINGS, amount, asked_most, changes
+from windmark.calibration.changed_views import FREED, THINGS, amount, asked_most, changes
 from windmark.calibration.hypotheses import CHECKED, gathered
 from windmark.calibration.result import Calibration
 from windmark.calibration.setup import Job
@@ -62,7 +62,7 @@ def of_its_own(job: Job, solved: Solved, view: int) -> str:
     """By how much the focal length or principal point of a view is another one, if its marks ask for it, in words."""
     kind, asked = asked_most(changes(job, solved))
     found = [other for other in asked.own if other.view == job.views[view].name]
-    free = "" if kind == "sheared" else f": free_{kind}"
+    free = f": {FREED[kind]}" if kind in FREED else ""
     return f" (by its {THINGS[kind]} {amount(found[0], kind)}{free})" if found else ""
 
 

@@ -282,7 +282,7 @@ def _adjusted(
                 "lens beyond the model (free more parameters)",
             )
         used = {"datum": job.datum, "distances": job.distances, "prior_sigma": dict(job.prior_sigma)}
-        doubts = (*held.doubts, *scale_doubts(job, solved), *change_doubts(job, solved))
+        doubts = (*held.doubts, *scale_doubts(job, solved), *change_doubts(job, solved, held.alone, misfit=held.misfit))
         return calibration(job, solved, good, dropped, {**options, **used}, doubts), solved
     except DegenerateGeometry as error:
         return NotCalibrated(str(error), "degenerate", error.weak, dropped, sigma0, options), None

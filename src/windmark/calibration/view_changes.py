@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.special import chdtri, ndtri
+from scipy.special import chdtri, gammaln, ndtri
 
 from windmark.adjust.network.datum import in_datum
 from windmark.calibration.agreement import FALSE
@@ -25,13 +25,14 @@ ANEW, NOTICED, MATTERS = 0.003, 0.8, 3.0
 which the test of a view finds it, or else it goes unnoticed; sigmas by which it must move the camera's to be said."""
 LITTLE = 1e-2 * CHECKED
 """Beside what an unknown has to have left to be told, far above rounding."""
-UNLIKELY = FALSE / 3
+UNLIKELY = FALSE / 4
 """Probability of a change of one view where there is none, of any kind."""
 
 
 @dataclass(frozen=True)
 class Otherwise:
-    """A view whose focal length (K = 1, relative), principal point (K = 2, px) or shear (K = 2) is another one.
+    """A view whose focal length (K = 1, relative), principal point (K = 2, px), shear (K = 2) or distortion (K = 1, as
+    k1) is another one.
 
     Parameters
     ----------
@@ -66,8 +67,8 @@ class Asked:
     ----------
     own : views that ask for one of their own, the surest first
     together : root mean square change of all, where they together ask for it though perhaps none alone does; else 0
-    lead : by how much the sum of squares would fall with all of them, less what as many idle unknowns are worth (BIC);
-        0 where none is asked for
+    lead : by how much the sum of squares would fall with all of them, or with those of the views that ask alone, less
+        what as many idle unknowns are worth (BIC); 0 where none is asked for
     worst : the most that a change would do unnoticed, where it matters: in one view, of the principal point in all
     """
 
@@ -78,13 +79,14 @@ class Asked:
 
 
 FOCAL_PX = PARAMETERS.index("focal_px")
-FOCAL, PRINCIPAL_POINT, SHEAR = slice(0, 1), slice(1, 3), slice(3, 5)
+FOCAL, PRINCIPAL_POINT, SHEAR, DISTORTION = slice(0, 1), slice(1, 3), slice(3, 5), slice(5, 6)
 """Where they are among the changes of a view."""
 
 
 @dataclass(frozen=True)
 class Equations:
-    """Of the changes of V views, each in focal length (relative), principal point (px, 2), shear and stretch (2).
+    """Of the changes of V views, each in focal length (relative), principal point (px, 2), shear and stretch (2), and
+    distortion (as k1: a mark at r focal lengths from the centre goes out by r^2 of its distance).
 
     Sheared and stretched, a picture has its marks at x + a (y - cy), y + b (y - cy): a camera that moves while its rows
     are read one after the other (a rolling shutter) sees so, and a program that straightens or scales makes such.
@@ -92,11 +94,11 @@ class Equations:
     Parameters
     ----------
     views : (V,) their numbers
-    free : (V, 5) which of the changes are unknowns of the network already
-    power, score : (V, 5, 5), (V, 5) b^T b and b^T r, with b by what a change moves the view's marks
-    cross : (D + E b, V, 5) J^T b
-    focal : (C, V, 5) how the focal length of each of the C cameras goes along, in natural units, where it is free
-    every : (V, 5, V, 5) b^T Q b: what these leave over of all changes together
+    free : (V, 6) which of the changes are unknowns of the network already
+    power, score : (V, 6, 6), (V, 6) b^T b and b^T r, with b by what a change moves the view's marks
+    cross : (D + E b, V, 6) J^T b
+    focal : (C, V, 6) how the focal length of each of the C cameras goes along, in natural units, where it is free
+    every : (V, 6, V, 6) b^T Q b: what these leave over of all changes together
     """
 
     views: Ints
@@ -112,7 +114,8 @@ def equations_of(solved: Solved) -> Equations:
     """What the used marks of every view say of a change of its own."""
     problem, state, order = solved.problem, solved.state, solved.problem.order
     marks, used, r = problem.marks, solved.used[order], solved.residual[order]
-    center = np.array([(c.cx, c.cy) for c in state.cameras])[problem.network.view_camera[marks.views]]
+    interior = np.array([(c.cx, c.cy, c.focal_px) for c in state.cameras])[problem.network.view_camera[marks.views]]
+    center = interior[:, :2]
     if state.change is not None:
         center = center + state.change[marks.views, 1:]
     white = np.zeros((len(order), 2, 2))
@@ -120,7 +123,8 @@ def equations_of(solved: Solved) -> Equations:
     off = marks.xy - marks.shift - center
     # The residual is white (seen - xy + shift): what the view's focal length moves is white (seen - center).
     by_focal = r + (white @ off[..., None])[..., 0]
-    b = np.concatenate([by_focal[..., None], white, white * off[:, 1, None, None]], axis=2)
+    by_lens = by_focal * ((off / interior[:, 2:]) ** 2).sum(axis=1, keepdims=True)
+    b = np.concatenate([by_focal[..., None], white, white * off[:, 1, None, None], by_lens[..., None]], axis=2)
     b[~used] = 0.0
     views, kinds = np.unique(marks.views[used]), b.shape[2]
     n, at = np.arange(len(views)), np.full(len(marks.starts) - 1, -1)
@@ -151,7 +155,7 @@ def asked(
     n, each = np.arange(len(views)), np.ix_(of, what, of, what)
     blocks, score = equations.every[each], equations.score[np.ix_(of, what)]
     size = np.sqrt(np.diagonal(equations.power, axis1=1, axis2=2)[np.ix_(of, what)])
-    own = _own([job.views[v].name for v in views], solved, blocks[n, :, n], size, score)
+    own, alone = _own([job.views[v].name for v in views], solved, blocks[n, :, n], size, score)
     size, every = size.ravel(), blocks.reshape(len(views) * kinds, -1)
     power, pull = every / np.outer(size, size), score.ravel() / size
     rms, lead, worst, count = 0.0, 0.0, None, told(power)
@@ -159,13 +163,32 @@ def asked(
         change, test, count = explained(power, pull)
         if chance_beside(test, count, solved) < FALSE:
             rms = float(np.sqrt(kinds * ((change / size) ** 2).mean()))
-        lead = test / solved.scale - count * np.log(2 * solved.used.sum())
+        some = [_lead_of(solved, power, pull, alone[:m], kinds) for m in (1, len(own))]
+        lead = max(_lead(solved, test, count), *some)
     if worst_of is worst_focal:
         worst = worst_focal(solved, views, blocks[n, 0, n, 0], equations.focal[:, of, 0])
     elif worst_of is worst_shifts:
         cross = equations.cross[:, of][:, :, what].reshape(len(equations.cross), -1)
         worst = worst_shifts(solved, every, count, cross)
     return Asked(own, rms, float(lead), worst)
+
+
+def _lead(solved: Solved, test: float, count: int) -> float:
+    """What unknowns explain, in units of the marks' covariances, less what as many idle ones are worth (BIC)."""
+    return float(test / solved.scale - count * np.log(2 * solved.used.sum()))
+
+
+def _lead_of(solved: Solved, power: Array, score: Array, some: Ints, kinds: int) -> float:
+    """The same of the changes of some of the views alone; of the many such sets this is but one (extended BIC, Chen &
+    Chen 2008). One odd picture is not worth the unknowns of all.
+    """
+    if not len(some):
+        return -np.inf
+    views, m = len(score) // kinds, len(some)
+    at = (some[:, None] * kinds + np.arange(kinds)).ravel()
+    _, test, count = explained(power[np.ix_(at, at)], score[at])
+    sets = gammaln(views + 1) - gammaln(m + 1) - gammaln(views - m + 1)
+    return _lead(solved, test, count) - 2 * float(sets)
 
 
 def told(power: Array) -> int:
@@ -204,21 +227,25 @@ def explained(power: Array, score: Array) -> tuple[Array, float, int]:
     return vector[:, told] @ (along / value[told]), float((along**2 / value[told]).sum()), int(told.sum())
 
 
-def _own(names: list[str], solved: Solved, blocks: Array, size: Array, score: Array) -> tuple[Otherwise, ...]:
-    """Views that alone ask for a change, from their (V, K, K), the size of b (V, K), and their score (V, K)."""
+def _own(
+    names: list[str], solved: Solved, blocks: Array, size: Array, score: Array
+) -> tuple[tuple[Otherwise, ...], Ints]:
+    """Views that alone ask for a change, and which these are of the V, from their (V, K, K), the size of b (V, K), and
+    their score (V, K).
+    """
     scale = size[:, :, None] * size[:, None, :]
     value, axes = np.linalg.eigh(blocks / scale)
     told = value[:, 0] > CHECKED
     inverse = (axes / np.where(told[:, None], value, 1.0)[:, None, :]) @ axes.transpose(0, 2, 1) / scale
     change = -(inverse @ score[..., None])[..., 0]
     test = np.where(told, -(change * score).sum(axis=1), 0.0)
-    found = []
-    for n in np.argsort(-test, kind="stable").tolist():
+    found, order = list[Otherwise](), np.argsort(-test, kind="stable")
+    for n in order.tolist():
         if not chance_beside(float(test[n]), size.shape[1], solved) < UNLIKELY / len(names):
             break
         sigma = np.sqrt(solved.scale * np.diagonal(inverse[n]))
         found.append(Otherwise(names[n], change[n], sigma))
-    return tuple(found)
+    return tuple(found), order[: len(found)]
 
 
 def worst_focal(solved: Solved, views: Ints, left: Array, moved: Array) -> Unnoticed | None:

@@ -17,10 +17,9 @@ class Doubt:
     cause : what it is about, for the verdict on the whole: "moved" (a camera), "late" (its pictures), "swapped",
         "marker", "picture", "attached" (a part to another one), "bent" (a law that is too simple), "bound" (of a law's
         parameter, which the images contradict), "prior" (its sigma, likewise), "noise", "focal", "lens" (or what else
-        of a camera),
-        "principal" (point), "sheared" (pictures), "focus" (that nothing checks), "control", "table", "layout",
-        "mirrored", "mixed" (two cameras), "scene" (it changed between pictures); "" for anything
-        else
+        of a camera), "principal" (point), "sheared" or "distorted" (pictures), "focus" (that nothing checks),
+        "control", "table", "layout", "mirrored", "mixed" (two cameras), "scene" (it changed between pictures); "" for
+        anything else
     """
 
     names: tuple[str, ...]

@@ -19,6 +19,8 @@ STEPS = {
     "from its own pictures",
     "sheared": "hold the camera still (a rolling shutter reads one row after the other), its stabiliser off, and take "
     "the pictures as it stores them: no program may straighten or scale them",
+    "distorted": "see that these pictures are of this camera and zoom, as it stores them: no program may take out or "
+    "add distortion; give another camera its own pictures (--images-of NAME=PATTERN)",
     "focal": "free the focal length (calibrate --free-focal PICTURE, reconstruct --free focal_px); lock focus and zoom",
     "principal": "free the principal points (calibrate --free-principal PICTURE, or all with --prior-sigma "
     "principal=10); switch the stabiliser off, do not cut pictures",

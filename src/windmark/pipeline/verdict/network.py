@@ -228,7 +228,7 @@ def _refused(reason: str, cause: str, blurred: Sequence[Finding]) -> Verdict:
         "units": "give the distance (--distance) in the unit of the table of markers (--unit)",
         "table": "use one flat board; or mark three of its dots (--board-marks): then it is measured, and may be bent",
         "one-sided": "give the place of one more marker, beside that line", "few": "more pictures and markers",
-        "weak": "pictures from more sides and distances",
+        "weak": "pictures from more sides and distances", "control": STEPS["control"],
     }  # fmt: skip
     at = REFUSALS.get(cause, "no match")
     why = [replace(f, word=BAD, reason=f"{f.reason}; {reason}") for f in blurred[:1]]
