@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from windmark.deformation.attached import LIKELIER
+from windmark.deformation.misfit import carried
 from windmark.deformation.moved import price
-from windmark.deformation.sighting import LAW
+from windmark.deformation.sighting import LAW, pose_block
 from windmark.deformation.solve import Solved, solve
 from windmark.errors import g3
 from windmark.geometry import DegenerateGeometry
@@ -32,6 +33,8 @@ WORTH = 0.1
 to have one: what is left of a wrong one bends the sum of squares."""
 FARTHER = (1.0, 2.0, 4.0)
 """... and so many times as far, which the bent sum of squares may hide."""
+SIDES = np.radians(10.0)
+"""Views that are so far apart see all components of a motion; then only what is left asks for a second search."""
 APART = 6.0
 """Sigmas: nearer than this two minima are one, and its sigma says so."""
 
@@ -45,7 +48,9 @@ def best_of_twins(solved: Solved, reject: bool) -> tuple[Solved, tuple[Doubt, ..
     rates = solved.task.placed.rates
     model = solved.task.placed.xyz[~solved.task.wall]
     extent = float(np.linalg.norm(np.ptp(model, axis=0))) if len(model) else 0.0
-    for k in range(len(solved.task.volumes.names)):
+    for k, sides in enumerate(_from_sides(solved)):
+        if sides and not _misfits(solved):
+            continue
         starts = _seconds(solved, k, extent / rates[k] if rates[k] > 0 else 0.0)
         found = (_solved_from(solved, start, reject) for start in starts)
         other = next((s for s in found if s is not None and _apart(s, solved, k)), None)
@@ -63,6 +68,21 @@ def _apart(other: Solved, solved: Solved, k: int) -> bool:
     return bool(abs(other.values[LAW][k] - solved.values[LAW][k]) > APART * np.sqrt(solved.cov[at, at]))
 
 
+def _from_sides(solved: Solved) -> list[bool]:
+    """Of each parameter, whether views show its markers from sides that are apart, which see all of what it does."""
+    task, out = solved.task, list[bool]()
+    (point, view), place = task.slots, task.tunnel_place(solved.values)
+    centres = np.array([solved.values[pose_block(v.name)].inverse().translation for v in task.views])
+    for part in task.volumes.parts:
+        own = np.isin(task.placed.names, carried(task.volumes, part.name)) & ~task.wall
+        seen = np.unique(view[own[point] & solved.used])
+        rays = place[own].mean(axis=0) - centres[seen] if own.any() else np.zeros((0, 3))
+        rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        apart = bool((rays @ rays.T < np.cos(SIDES)).any())
+        out += [apart] * (0 if part.law is None else len(part.law.parameters))
+    return out
+
+
 def _misfits(solved: Solved) -> bool:
     """Whether something is left, or was left out, that a wrong minimum may be to blame for."""
     return bool(not solved.used.all() or chdtrc(solved.redundancy, solved.chi2) < WORTH)
@@ -70,35 +90,34 @@ def _misfits(solved: Solved) -> bool:
 
 def _seconds(solved: Solved, k: int, most: float) -> list[dict[str, Any]]:
     """Where a second minimum along a parameter may be, less than ``most`` away: nearest first."""
-    at = solved.problem.slices[LAW].start + k
-    along = solved.cov[:, at] / np.sqrt(solved.cov[at, at])  # by one sigma, all else following
-    here = np.concatenate([part.ravel() for part in solved.parts])
-    on, back = (_residual(solved, sign * STEP * along) for sign in (1.0, -1.0))
-    if on is None or back is None:
+    at, jacobian = solved.problem.slices[LAW].start + k, solved.jacobian
+    sigma = float(np.sqrt(solved.cov[at, at]))
+    along = solved.cov[:, at] / sigma  # by one sigma, all else following
+    on = solved.values[LAW].copy()
+    on[k] += STEP * sigma
+    raw = solved.sighting.evaluated({**solved.values, LAW: on})
+    if raw is None:
         return []
-    a, h = (on - back) / (2 * STEP), (on - 2 * here + back) / STEP**2
-    others = np.delete(solved.jacobian, at, axis=1)
+    there = (solved.sighting.whitener @ raw[1])[..., at].ravel()
+    residual = np.concatenate([part.ravel() for part in solved.parts])
+    a, h = jacobian @ along, np.zeros(len(jacobian))
+    h[: len(there)] = (there - jacobian[: len(there), at]) * sigma / STEP
+    others = np.delete(jacobian, at, axis=1)
     follow = np.linalg.lstsq(others, h, rcond=None)[0]
-    h = h - others @ follow
-    terms = 2 * (a @ a + here @ h), 3 * (a @ h), h @ h
+    h -= others @ follow
+    terms = 2 * (a @ a + residual @ h), 3 * (a @ h), h @ h
     root = terms[1] ** 2 - 4 * terms[0] * terms[2]
     misfit = _misfits(solved)
     if not terms[2] > 0 or not (root > 0 or misfit):
         return []
-    far = (-terms[1] - np.copysign(np.sqrt(max(root, 0.0)), terms[1])) / (2 * terms[2])
-    if not APART < abs(far) <= most / np.sqrt(solved.cov[at, at]):
+    far = float(-terms[1] - np.copysign(np.sqrt(max(root, 0.0)), terms[1])) / float(2 * terms[2])
+    if not APART < abs(far) <= most / sigma:
         return []
     starts = [
         solved.problem.retract(solved.values, t * along - np.insert(follow, at, 0.0) * t**2 / 2)
         for t in (far * np.array(FARTHER) if misfit else (far,))
     ]
     return [start for start in starts if start is not None]
-
-
-def _residual(solved: Solved, change: Array) -> Array | None:
-    values = solved.problem.retract(solved.values, change)
-    parts = [None if values is None else term.residual(values) for term in solved.problem.terms]
-    return None if any(p is None for p in parts) else np.concatenate([p.ravel() for p in parts if p is not None])
 
 
 def _solved_from(solved: Solved, start: dict[str, Any], reject: bool) -> Solved | None:
