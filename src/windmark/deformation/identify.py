@@ -15,6 +15,7 @@ from windmark.deformation.result import Deformation, NotIdentified
 from windmark.deformation.setup import Task, prepare, start_values
 from windmark.deformation.sighting import LAW, MOTION, camera_block, pose_block
 from windmark.deformation.solve import Solved, free_names, solve
+from windmark.deformation.twin import best_of_twins
 from windmark.deformation.volumes import Volume, Volumes
 from windmark.geometry import Camera, DegenerateGeometry
 from windmark.scene import MarkerSet, Observations, View
@@ -119,12 +120,14 @@ def identify(
         )
     if isinstance(solved, NotIdentified):
         return replace(solved, options=options)
+    solved, twofold = best_of_twins(solved, reject)
     if keep is not None:
         keep(solved)
     judged = judge(solved, free_moved)
     if isinstance(judged, NotIdentified):
         return replace(judged, options=options)
-    return _result(*judged, options)
+    found, verdict = judged
+    return _result(found, replace(verdict, doubts=(*verdict.doubts, *twofold)), options)
 
 
 def _unfit(task: Task) -> NotIdentified | None:

@@ -135,13 +135,14 @@ class Sighting:
         The last one is kept: where the search ends the tests ask for it again.
         """
         if not (self._last and self._last[0] is values):
-            found = self._evaluated(values)
+            found = self.evaluated(values)
             if found is None:
                 return None
             self._last[:] = [values, *found]
         return self._last[1], self._last[2]
 
-    def _evaluated(self, values: Any) -> tuple[Array, Array] | None:
+    def evaluated(self, values: Any) -> tuple[Array, Array] | None:
+        """The same, and the one that is kept stays."""
         from windmark.deformation._kernels import see
 
         points = self._points(values)

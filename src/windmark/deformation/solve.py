@@ -64,6 +64,19 @@ class Solved:
         return [part for term in self.problem.terms if (part := term.residual(self.values)) is not None]
 
     @cached_property
+    def jacobian(self) -> Array:
+        """(R, F) of all whitened residuals by all that is free."""
+        problem, rows = self.problem, list[Array]()
+        for term in problem.terms:
+            linearised = term.linearise(self.values)
+            assert linearised is not None  # the engine never stands where the model has no prediction
+            own = np.zeros((linearised.residual.size, problem.size))
+            for name in term.blocks:
+                own[:, problem.slices[name]] = linearised.jacobian[name].reshape(len(own), -1)
+            rows.append(own)
+        return np.concatenate(rows)
+
+    @cached_property
     def chi2(self) -> float:
         """Sum of squared whitened residuals, priors included."""
         return float(sum((part**2).sum() for part in self.parts))

@@ -43,6 +43,8 @@ STEPS = {
     "lens": "calibrate the camera (windmark calibrate); check that the file is this camera's, at this zoom and focus",
     "camera": "check the value that was given for it",
     "layout": "label a marker in this picture, or leave it out",
+    "twofold": "add a camera that sees the part from another side, or give the parameter a start and a sigma in its "
+    "[[volume]]",
 }
 """Next step of a `Doubt` by its cause."""
 

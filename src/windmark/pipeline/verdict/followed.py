@@ -14,7 +14,7 @@ from windmark.pipeline.verdict.series import copies_finding
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 from windmark.scene.repeated import ONCE_MORE
 
-AT_ONCE = ("layout",)
+AT_ONCE = ("layout", "twofold")
 """What one frame is enough to say: its numbers may be off by what no sigma has, not by a part of the noise."""
 
 

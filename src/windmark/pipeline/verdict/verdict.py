@@ -33,6 +33,7 @@ CAUSES = {
     "focus": "pictures of which nothing checks that they have one focus",
     "sheared": "pictures that are sheared or stretched against each other",
     "distorted": "pictures with a distortion that is not the other pictures'",
+    "twofold": "a parameter of a law that fits a second time",
     "focal": "a focal length that does not fit",
     "principal": "a principal point that is not the other pictures'",
     "late": "pictures of a camera that are of another time than the others'",
