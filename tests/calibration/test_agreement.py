@@ -87,3 +87,13 @@ def test_chance_is_wrong_once_in_a_thousand(free):
     assert chance(0.999 * limit, free)
     assert not chance(1.001 * limit, free)
     assert chance(1e9, 0)
+
+
+@pytest.mark.parametrize("off", [5.7e-14, -5.7e-14, 1.1e-13, 3e-13])
+def test_the_same_distance_twice_is_no_contradiction_by_rounding(off):
+    """The misfit of two that are equal is zero, and by rounding less than that."""
+    spread, design = np.full((2, 2), 2e-6) + 1e-4 * np.eye(2), np.full((2, 1), 345.9158)
+    weight, rank = _left(spread, design)
+    two = Seen(None, np.full(2, off), weight, np.linalg.inv(spread).diagonal(), np.arange(2), 2 - rank, 2)
+    assert chance(two.total, two.free)
+    assert chance(-3e-39, 1)

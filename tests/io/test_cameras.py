@@ -180,7 +180,7 @@ def set_key(*keys, to):
         (set_key("size_px", to=[1280.5, 800]), "key 'size_px': .* is no image size"),
         (set_key("size_px", to=[1280]), r"key 'size_px': the shape is \(1,\)"),
         (set_key("length_unit", to="inch"), "key 'length_unit': 'inch'; expected one of in, ft, mm, cm, m"),
-        (lambda c: c.pop("length_unit"), "key 'length_unit': None"),
+        (lambda c: c.pop("length_unit"), "key 'length_unit': missing, and the pose has lengths"),
         (set_key("cam_from_model", "rotation", to=np.diag([1, 1, -1]).tolist()), "rotation is mirrored"),
         (
             set_key("cam_from_model", "rotation", to=(np.eye(3) * 1e9).tolist()),

@@ -83,6 +83,20 @@ def test_diameters_in_place_of_radii_are_said(discs):
     assert any("diameters in their place?" in u.words for u in found.unchecked if u.what == "radii")
 
 
+def test_radii_half_as_large_again_are_in_the_sigma_of_the_pose_and_said(discs):
+    """They fit as well as the right ones: what they move is made up for by the pose."""
+    _, markers, camera, pose = discs
+    seen = imaged_ellipse(camera, pose.apply(markers.xyz), pose.rotate(markers.normal), markers.radius)
+    spots = Detections.make(seen.xy, sigma_px=0.003, radius_px=np.sqrt(seen.axes_px.prod(axis=1)))
+    for factor, words in ((1.0, ()), (1.45, ("times too large",))):
+        found = register(spots, replace(markers, radius=factor * markers.radius), camera)
+        said = [u.words for u in found.unchecked if u.what == "radii"]
+        assert len(said) == len(words)
+        assert all(w in s for w, s in zip(words, said, strict=True))
+        off = (pose @ found.cam_from_model.inverse()).log()
+        assert np.sqrt(off @ np.linalg.solve(found.cov, off)) < 2
+
+
 def test_spots_without_radii_refuse_discs_that_fit_worse_than_points(discs):
     """Nothing says how large they are imaged, but the eccentricity of the table's discs is not there."""
     spots, markers, camera, _ = discs

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bent_scenes
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from windmark.registration.settle._kernels.slopes import slopes_kernel
 from windmark.registration.settle._kernels.unseen import _motions
 from windmark.registration.settle.settling import opened
 from windmark.registration.settle.solution import beyond_rigid
+from windmark.scene import MarkerSet
 
 MARGIN = 10.0
 
@@ -145,3 +148,21 @@ def test_a_row_of_markers_has_five_motions():
     xyz, seen = np.outer(np.linspace(-1, 1, 7), [1.0, 0.0, 0.0]), np.ones(7, dtype=bool)
     basis = _motions(xyz, seen, 7, np.zeros(3))
     np.testing.assert_allclose(basis @ basis.T, np.diag([0.0, 1, 1, 1, 1, 1]), atol=1e-12)
+
+
+def test_a_marker_that_the_table_has_twice_is_named():
+    """One of its names is taken, by chance; markers back to back are two."""
+    scene = scenes.scene(3, "A")
+    markers = scene.markers
+    a = int(register(scene.detections, markers, scene.camera).matching.marker[4])
+    for turned, told in ((1.0, True), (-1.0, False)):
+        again = markers.take([a])
+        again = replace(again, name=np.array(["again"]), normal=turned * again.normal)
+        twice = MarkerSet.make(
+            [*markers.name, "again"], np.concatenate([markers.xyz, again.xyz]),
+            normal=np.concatenate([markers.normal, again.normal]),
+        )  # fmt: skip
+        found = register(scene.detections, twice, scene.camera)
+        words = [u.words for u in found.unchecked if u.what == "twice"]
+        assert bool(words) == told
+        assert all(f"{markers.name[a]} and again" in w for w in words)

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from windmark.scene.units import ALIKE, IN_MM, IN_WORDS, LENGTH_UNITS, mixed_units, off_by, radii_words
+from windmark.scene.units import (
+    ALIKE,
+    IN_MM,
+    IN_WORDS,
+    LENGTH_UNITS,
+    RIM_PX,
+    common_ratio,
+    mixed_units,
+    off_by,
+    radii_words,
+)
 
 
 def test_units_are_those_of_the_international_agreement():
@@ -70,3 +80,14 @@ def test_what_is_unknown_does_not_count_and_few_say_nothing():
 )
 def test_radii_that_do_not_fit_are_explained(ratio, place, words):
     assert radii_words(ratio, place) == f"the table's radii are {words}"
+
+
+def test_the_common_ratio_is_as_uncertain_as_scatter_and_rims_are():
+    rng = np.random.default_rng(3)
+    ratios = 1.2 * np.exp(rng.normal(0, 0.05, 400))
+    found = common_ratio(np.append(ratios, [np.nan, 9.0]), np.full(402, 5.0), 4)
+    assert found.ratio == pytest.approx(1.2, abs=0.02)
+    assert found.sigma == pytest.approx(np.hypot(RIM_PX / 5, 0.05 * np.sqrt(np.pi / 800)), rel=0.05)
+    assert found.is_off
+    assert not common_ratio(ratios, np.full(400, 2.0), 4).is_off  # small spots: the rim
+    assert not common_ratio(ratios[:3], np.full(3, 5.0), 4).is_off

@@ -303,6 +303,19 @@ def test_normals_that_point_into_the_model_are_told(no_views, markers, told):
     assert ("discs" in [f.cause for f in layout_verdict(found).findings]) == told
 
 
+def test_one_normal_turned_round_among_its_neighbours_is_told_and_no_other_side_of_a_thin_part(no_views):
+    markers, settings = ball(60), replace(FRONT, views=24, advise=False)
+    normal, xyz = markers.normal.copy(), markers.xyz.copy()
+    normal[7] = -normal[7]
+    found = check_markers(replace(markers, normal=normal), "mm", settings=settings)
+    assert [f.markers for f in found.findings if f.kind == "reversed"] == [("b7",)]
+    assert "discs" in [f.cause for f in layout_verdict(found).findings]
+    xyz[7] += 10 * normal[7]  # within a wall of 10 mm: its inner side
+    for right in (markers, replace(markers, normal=normal, xyz=xyz), grid(), airplane()):
+        found = check_markers(right, "mm", settings=settings)
+        assert "reversed" not in [f.kind for f in found.findings]
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_so_few_markers_get_an_answer_and_all_three_axes(no_views, count):
     few = grid().take(range(count))

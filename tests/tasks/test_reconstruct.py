@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "epipolar"))
 import reconstruct_scenes as scenes
 
 from windmark.errors import UsageError
-from windmark.geometry import Pose
+from windmark.geometry import Camera, Pose
 from windmark.scene import Detections, MarkerCovariance, MarkerSet, View
 from windmark.tasks.reconstruct import NotReconstructed, reconstruct
 from windmark.tasks.reconstruct.task import Task
@@ -89,6 +89,24 @@ def test_a_focal_length_that_is_far_off_is_the_reason_of_the_refusal(kind, wrong
     assert answer.cause == "focal"
     seen = float(answer.reason.split("a focal length of ")[1].split()[0])
     assert seen == pytest.approx(case.camera.focal_px, rel=0.01)
+
+
+def test_a_picture_of_another_focal_length_is_left_out_for_that():
+    """It fits elsewhere, almost, again and again: farther away."""
+    rng = np.random.default_rng(7)
+    xyz, camera = rng.uniform(-1, 1, (20, 3)) * [2, 1.5, 0.4], Camera((640, 480), 800.0)
+    eyes = [(-1, 0, 6), (1, 0.3, 6), (0, 1, 6.2), (0.3, -1, 5.8), (-1, 1, 6)]
+    poses = [Pose.look_at(eye, [0, 0, 0], [0, 1, 0]) for eye in eyes]
+    spots = []
+    for k, pose in enumerate(poses):
+        used = replace(camera, focal_px=816.0) if k == 4 else camera
+        xy = used.project(pose.apply(xyz))[0] + rng.normal(0, 0.01, (20, 2))
+        spots.append(Detections.make(xy, sigma_px=0.01))
+    known = MarkerSet.make([f"p{k}" for k in range(6)], xyz[:6], sigma=1e-4, role="primary")
+    result = reconstruct(spots, camera, known)
+    assert result, result.reason
+    assert list(result.dropped) == ["4"]
+    assert "another focal length: it shows 816 px, 2 % longer" in result.dropped["4"]
 
 
 @pytest.mark.slow

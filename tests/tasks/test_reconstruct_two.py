@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from windmark.calibration import Distance
-from windmark.geometry import Pose
-from windmark.scene import MarkerSet, View
+from windmark.geometry import Camera, Pose
+from windmark.scene import Detections, MarkerSet, View
 from windmark.tasks.reconstruct import reconstruct
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "epipolar"))
@@ -184,6 +184,31 @@ def test_a_known_distance_or_poses_give_the_scale(many):
     assert shape_error(posed, many, 1.0)[0] < 0.5
     centre = np.stack([v.cam_from_model.center for v in posed.views])
     assert np.abs(centre - many.poses.center).max() < 3.0
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 0.5])
+def test_two_given_poses_give_frame_and_scale_with_the_sigma_that_they_have_there(turn_deg):
+    """The relative pose is what the pictures show, not what is given: its error is in the frame and in the scale."""
+    rng = np.random.default_rng(4)
+    xyz, camera = rng.uniform(-1, 1, (40, 3)) * [2, 1.5, 0.3], Camera((640, 480), 800.0)
+    poses = [Pose.look_at(eye, [0, 0, 0], [0, 1, 0]) for eye in ((-1, 0, 6), (1, 0.3, 6))]
+    spots = [
+        Detections.make(camera.project(p.apply(xyz))[0] + rng.normal(0, 0.02, (40, 2)), sigma_px=0.02) for p in poses
+    ]
+    turned = Pose.exp([0, np.radians(turn_deg), 0, 0, 0, 0]) @ poses[1]
+    views = [View(str(k), cam_from_model=p) for k, p in enumerate((poses[0], turned))]
+    result = reconstruct(spots, camera, None, views=views)
+    first = result.tracks.view == 0
+    off = result.markers.xyz[result.tracks.track[first]] - xyz[result.tracks.detection[first]]
+    z2 = (off[:, None] @ np.linalg.inv(result.marker_cov[result.tracks.track[first]]) @ off[:, :, None]).ravel()
+    assert np.median(z2) / 2.37 < 2  # the median of chi squared with three degrees of freedom
+    said = [str(d) for d in result.doubts if "given poses" in str(d)]
+    if turn_deg:
+        assert "0.17 degrees each" in said[0]
+        assert np.abs(off).max() > 0.01  # the half of it: nothing says which of the two is wrong
+    else:
+        assert not said
+        assert np.linalg.norm(off, axis=1).max() < 0.03
 
 
 def test_a_distance_of_unknown_markers_is_refused(many):

@@ -29,6 +29,7 @@ from windmark.pipeline.reconstruct.outputs import (
 )  # fmt: skip
 from windmark.scene import MarkerSet
 from windmark.tasks.reconstruct import Reconstruction
+from windmark.tasks.reconstruct.free import sigma_words
 from windmark.tasks.reconstruct.pair import PairLines
 
 HOW = {
@@ -143,7 +144,7 @@ def _primaries(report: Report, result: Reconstruction, shown: Shown) -> None:
     known, unit = primary_residuals(result, shown.primary), shown.unit
     if result.frame:
         report.heading("Frame")
-        report.text(f"{result.frame[0].upper()}{result.frame[1:]}. Sigmas are those of the shape (inner constraints).")
+        report.text(f"{result.frame[0].upper()}{result.frame[1:]}; {sigma_words(result.frame)}.")
         if result.free_scale:
             report.text("length_unit: free. No length here has a unit: a known distance (--distance) gives one.", "bad")
     if any(len(s) for s in result.open_spots.values()):

@@ -37,6 +37,7 @@ from windmark.pipeline.verdict import Verdict
 from windmark.pipeline.verdict.network import reconstruct_verdict
 from windmark.scene import MarkerSet
 from windmark.tasks.reconstruct import NotReconstructed, Reconstruction, reconstruct
+from windmark.tasks.reconstruct.free import sigma_words
 from windmark.tasks.reconstruct.pair import PairLines, pair_lines
 
 Record = dict[str, Any]
@@ -209,7 +210,7 @@ def _lines(
         f"markers, 1 sigma: {g2(rms[0])}, {g2(rms[1])}, {g2(rms[2])} {length_words(unit)} along x, y, z",
     ]
     if result.frame:
-        lines.append(f"{result.frame}; 1 sigma is that of the shape (inner constraints)")
+        lines.append(f"{result.frame}; {sigma_words(result.frame)}")
     if len(against.name):
         rms_known = (against.difference**2).sum(axis=1).mean() ** 0.5
         lines.append(f"primaries against their table: {g2(rms_known)} {unit} RMS")

@@ -37,8 +37,11 @@ HALVINGS = 8
 
 
 def chance(total: float, free: int) -> bool:
-    """Whether a sum of squares is what so many degrees of freedom leave to chance."""
-    return free <= 0 or bool(chdtrc(free, total) > FALSE)
+    """Whether a sum of squares is what so many degrees of freedom leave to chance.
+
+    One that is nothing, as of two equal distances, is by rounding less than that, where there is no probability.
+    """
+    return free <= 0 or bool(chdtrc(free, max(total, 0.0)) > FALSE)
 
 
 @dataclass(frozen=True)

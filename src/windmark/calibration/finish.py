@@ -80,7 +80,7 @@ def calibration(
         views=views,
         markers=markers,
         marker_cov=marker_cov,
-        pose_cov=_pose_covs(job, solved, covariance, np.flatnonzero(view_seen), frames) * scale,
+        pose_cov=pose_covs(job, solved, covariance, np.flatnonzero(view_seen), frames) * scale,
         observations=Observations(
             (np.cumsum(view_seen) - 1)[obs.view[solved.taken]], (np.cumsum(seen) - 1)[obs.point[solved.taken]],
             obs.xy[solved.taken], obs.cov[solved.taken],
@@ -234,14 +234,14 @@ def _cameras(job: Job, solved: Solved, covariance: DatumCovariance, scale: float
     return out
 
 
-def _pose_covs(job: Job, solved: Solved, covariance: DatumCovariance, views: Ints, frames: Ints) -> Array:
+def pose_covs(job: Job, solved: Solved, covariance: DatumCovariance, views: Ints, frames: Ints) -> Array:
     """(V, 6, 6) of ``exp(delta) @ cam_from_model`` of some views in units of the marks' covariances."""
     columns = solved.problem.layout.columns
     if solved.state.offsets is not None or (columns.frame[frames[views]] < 0).any():
         return np.stack([_pose_cov(job, solved, covariance, v, int(frames[v])) for v in views.tolist()])
     units = solved.problem.units(solved.state)
     index = columns.frame[frames[views]][:, None] + np.arange(6)
-    change = _tangent(units.frame_pivot[frames[views]], units.frame_scale[frames[views]])
+    change = tangent(units.frame_pivot[frames[views]], units.frame_scale[frames[views]])
     cov = covariance.between(index, index, solved.covariance.dense[index[:, :, None], index[:, None, :]])
     return np.asarray(change @ cov @ change.transpose(0, 2, 1))
 
@@ -254,13 +254,13 @@ def _pose_cov(job: Job, solved: Solved, covariance: DatumCovariance, view: int, 
     eliminated = columns.frame[frame] < 0
     start = lay.dense + 6 * columns.frame_block[frame] if eliminated else columns.frame[frame]
     index = start + np.arange(6)
-    change = _tangent(units.frame_pivot[frame], units.frame_scale[frame])
+    change = tangent(units.frame_pivot[frame], units.frame_scale[frame])
     if solved.state.offsets is not None:
         pose = Pose(solved.state.offsets.rotation[member], solved.state.offsets.translation[member])
         change = adjoint(pose) @ change
         if columns.offset[member] >= 0:
             index = np.concatenate([columns.offset[member] + np.arange(6), index])
-            change = np.concatenate([_tangent(units.offset_pivot[member], units.offset_scale[member]), change], axis=1)
+            change = np.concatenate([tangent(units.offset_pivot[member], units.offset_scale[member]), change], axis=1)
     cov = covariance.between(index, index, network.marginal(index))
     return np.asarray(change @ cov @ change.T)
 
@@ -272,13 +272,13 @@ def _rig_cov(job: Job, solved: Solved, covariance: DatumCovariance, scale: float
     for c, name in enumerate(job.cameras):
         out[name] = np.zeros((6, 6))
         if columns[c] >= 0:
-            index, change = columns[c] + np.arange(6), _tangent(units.offset_pivot[c], units.offset_scale[c])
+            index, change = columns[c] + np.arange(6), tangent(units.offset_pivot[c], units.offset_scale[c])
             cov = covariance.between(index, index, solved.covariance.dense[np.ix_(index, index)])
             out[name] = change @ cov @ change.T * scale
     return out
 
 
-def _tangent(pivot: Array, scale: Array) -> Array:
+def tangent(pivot: Array, scale: Array) -> Array:
     """(..., 6, 6): natural steps (a turn about the pivot (..., 3), a shift in parts of the scale) as [rotation,
     translation].
     """

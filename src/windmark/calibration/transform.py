@@ -47,7 +47,14 @@ def in_datum(result: Calibration, datum: Free, reference: MarkerSet | None = Non
     if not (isinstance(given, Free) and isinstance(datum, Free)):
         other = type(datum if isinstance(given, Free) else given).__name__
         raise UsageError(f"in_datum: expected a free network and a datum Free, got {other}; calibrate anew for that")
-    job = _job(result, datum, reference)
+    job = job_of(result, datum, reference)
+    solved, every = linearised(result, job), np.ones(len(result.observations), dtype=np.bool_)
+    found = calibration(job, solved, every, dict(result.dropped), {**result.options, "datum": datum})
+    return replace(found, doubts=result.doubts, suspect=result.suspect)
+
+
+def linearised(result: Calibration, job: Job) -> Solved:
+    """What was solved, from its result: linearised there once more."""
     state = _state(job, result)
     every = np.ones(len(result.observations), dtype=np.bool_)
     problem = NetworkProblem(make_network(job, every, result.used.astype(float)), state, _shift(job, result, state))
@@ -56,15 +63,13 @@ def in_datum(result: Calibration, datum: Free, reference: MarkerSet | None = Non
     assert residual is not None
     white = np.empty_like(residual)
     white[problem.order] = residual
-    solved = Solved(
+    return Solved(
         problem, state, network_covariance(system, problem.layout), result.report, every, result.used, white,
         result.test, result.sigma0, result.redundancy, dict(result.dropped),
     )  # fmt: skip
-    found = calibration(job, solved, every, dict(result.dropped), {**result.options, "datum": datum})
-    return replace(found, doubts=result.doubts, suspect=result.suspect)
 
 
-def _job(result: Calibration, datum: Free, reference: MarkerSet | None) -> Job:
+def job_of(result: Calibration, datum: Free, reference: MarkerSet | None) -> Job:
     """The calibration as it was asked for, with the new datum."""
     options, markers = result.options, result.markers
     if reference is not None:

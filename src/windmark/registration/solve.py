@@ -182,7 +182,7 @@ def _with_other_lenses(tasks: Sequence[Task], verdict: Verdict) -> list[Task] | 
 def _registration(
     best: Solution, verdict: Verdict, tried: int, index: Ints, options: dict[str, Any], bends: float = 0.0
 ) -> Registration:
-    final, unit_cov = answer(best, verdict.beside, bends, verdict.near, verdict.published, verdict.without)
+    final, unit_cov = _answer(best, verdict, bends)
     spot, marker = final.pairs()
     residuals = final.state.residual[0, marker]
     distance = np.hypot(residuals[:, 0], residuals[:, 1])
@@ -204,7 +204,7 @@ def _of_rig(
     cam_from_rig: Sequence[Pose], index: Sequence[Ints], options: dict[str, Any],
 ) -> RigRegistration:  # fmt: skip
     """What several cameras found; those without spots are given back as they were."""
-    final, unit_cov = answer(best, verdict.beside, near=verdict.near, final=verdict.published, without=verdict.without)
+    final, unit_cov = _answer(best, verdict)
     nothing = np.zeros(0, np.int64)
     matchings = [Matching(nothing, nothing, np.zeros(0)) for _ in tasks]
     residuals = [np.zeros((0, 2)) for _ in tasks]
@@ -231,6 +231,12 @@ def _of_rig(
         n_expected=tuple(expected),
         **_told(best, final, unit_cov, verdict, tried, options),
     )
+
+
+def _answer(best: Solution, verdict: Verdict, bends: float = 0.0) -> tuple[Solution, Array]:
+    """The solution as it is reported, and its covariance, see `judge.answer`."""
+    others = {"near": verdict.near, "without": verdict.without, "imaged": verdict.imaged}
+    return answer(best, verdict.beside, bends, final=verdict.published, **others)  # type: ignore[arg-type]
 
 
 def _told(

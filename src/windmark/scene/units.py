@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,9 @@ def mixed_units(factor: float, place_unit: str = "") -> tuple[str, str] | None:
 RADII_OFF, RADII_ODD = 2.2, 1.5
 """Radii that are nearly all by such a factor larger or smaller than a table's are in another unit (the nearest two are
 2.54 apart), or stand for something else; from the second on that is said (`tests/registration/test_discs`)."""
+RIM_PX = 0.2
+"""1 sigma of an imaged radius that all discs of a picture share: where in a blurred rim the threshold lies, how much a
+print bled, what the gamma of a camera does."""
 
 
 def off_by(ratios: Array, least: int) -> float:
@@ -73,6 +77,41 @@ def off_by(ratios: Array, least: int) -> float:
         return 1.0
     low, high = np.percentile(known, [25, 75])
     return float(low if low > 1 else high if high < 1 else 1.0)
+
+
+@dataclass(frozen=True)
+class CommonRatio:
+    """How many times the expected radii of discs they are imaged with, all alike.
+
+    Parameters
+    ----------
+    ratio : median over the discs; 1 where too few are known
+    sigma : 1 sigma of its logarithm: the median's own from the discs' scatter, and `RIM_PX`
+    """
+
+    ratio: float
+    sigma: float
+
+    @property
+    def is_off(self) -> bool:
+        """Whether it is not 1: beyond three sigmas."""
+        return abs(math.log(self.ratio)) > 3 * self.sigma
+
+
+def common_ratio(ratios: Array, imaged_px: Array, least: int) -> CommonRatio:
+    """The common ratio of imaged radii (N,) ``imaged_px`` to the expected ones, from (N,) ``ratios``.
+
+    Fewer than ``least`` known ones say nothing. The median of n normal values has a sigma of sqrt(pi / 2n) of theirs,
+    which is 1.48 times the median distance from it (Rousseeuw and Croux 1993).
+    """
+    known = np.isfinite(ratios) & (ratios > 0)
+    if known.sum() < least:
+        return CommonRatio(1.0, math.inf)
+    logs = np.log(ratios[known])
+    middle = float(np.median(logs))
+    spread = 1.4826 * float(np.median(np.abs(logs - middle)))
+    rim = RIM_PX / float(np.median(imaged_px[known]))
+    return CommonRatio(math.exp(middle), math.hypot(spread * math.sqrt(math.pi / (2 * len(logs))), rim))
 
 
 def radii_words(ratio: float, place_unit: str = "") -> str:

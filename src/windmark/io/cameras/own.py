@@ -75,7 +75,8 @@ def parse_own(path: Pathlike, content: dict[str, Any]) -> CameraFile:
         notes += [note] if note else []
     unit = content.get("length_unit")
     if (unit is None and pose is not None) or (unit is not None and unit not in LENGTH_UNITS):
-        raise record.key_error(path, "length_unit", f"{unit!r}; expected one of {', '.join(LENGTH_UNITS)}")
+        what = "missing, and the pose has lengths" if unit is None else repr(unit)
+        raise record.key_error(path, "length_unit", f"{what}; expected one of {', '.join(LENGTH_UNITS)}")
     return CameraFile(camera, pose, unit, "windmark", "; ".join(notes), pose_cov)
 
 

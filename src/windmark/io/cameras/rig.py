@@ -71,7 +71,8 @@ def read_rig(path: Pathlike) -> RigFile:
     record.refuse_unknown(path, content, _KEYS)
     unit = content.get("length_unit")
     if unit not in LENGTH_UNITS:
-        raise record.key_error(path, "length_unit", f"{unit!r}; expected one of {', '.join(LENGTH_UNITS)}")
+        what = "missing" if unit is None else repr(unit)
+        raise record.key_error(path, "length_unit", f"{what}; expected one of {', '.join(LENGTH_UNITS)}")
     cameras = content.get("cam_from_rig")
     if not isinstance(cameras, dict) or not cameras:
         raise record.key_error(path, "cam_from_rig", "expected the cameras of a rig by name, each with its pose")

@@ -10,6 +10,7 @@ _OF_TABLE = {
     "close": ("marker", "take one of them out of the table, or move it"),
     "inward": ("discs", "turn the normals round (change the sign of nx, ny, nz): they point out of the surface, to "
                "those who see the marker; of markers on walls round the cameras give the role wall"),
+    "reversed": ("discs", "turn this normal round (change the sign of nx, ny, nz), or leave the marker out"),
     "unseen": ("missing", "check places and normals, or give the region that the camera is in (--view-from)"),
     "few": ("few", "paint more markers"),
     "few-in-sight": ("few", "paint more markers on that side"),

@@ -31,14 +31,14 @@ Array = NDArray[np.float64]
 DISC_ROUNDS = 2
 
 
-def corrected(best: Solution) -> Solution:
-    """The solution with its excess by the residuals alone, and with the eccentricity of the discs."""
+def corrected(best: Solution, part: float = 1.0) -> Solution:
+    """The solution with its excess by the residuals alone, and with the discs' eccentricity, or ``part`` of it."""
     best = accepted(best)
     discs = are_discs(best)
     for _ in range(DISC_ROUNDS if discs.any() else 0):
         state = copied(best.views, best.state)
         for c in best.seeing:
-            state.offset[c] = _eccentricity(best, c, discs)
+            state.offset[c] = part * _eccentricity(best, c, discs)
         if not accept_kernel(best.views.sights, state):
             break
         best = Solution(best.views, state)
@@ -47,7 +47,7 @@ def corrected(best: Solution) -> Solution:
 
 def answer(
     best: Solution, beside: Solution | None = None, bends: float = 0.0, near: Sequence[Weighed] = (),
-    final: Solution | None = None, without: Solution | None = None,
+    final: Solution | None = None, without: Solution | None = None, imaged: Solution | None = None,
 ) -> tuple[Solution, Array]:  # fmt: skip
     """The solution as it is reported, and the covariance (P, P) of all its unknowns; ``final`` where it is `corrected`.
 
@@ -55,14 +55,16 @@ def answer(
     covariance has the way from the one explanation to the other, and of the pose also that one's own.
     ``bends`` is the evidence (nats) of other pictures that the model bends. Solutions that are ``near`` a rigid one
     (weight, solution) are parts of one distribution of the pose, whose second moment about the answer is given.
-    What only one pair says, ``without`` which the solution is less certain, is no more certain than that.
+    What only one pair says, ``without`` which the solution is less certain, is no more certain than that. Discs may be
+    as large as they are ``imaged`` (`judge.discs`): the covariance has the way there.
     """
     single = 0.0 if without is None else _more_open(best, without)
     best = final or corrected(best)
-    curved = curvature(best)
+    curved, sized = curvature(best), 0.0 if imaged is None else away(best, imaged)
     best, cov = _of_root(best, bends)
     cov[: len(curved), : len(curved)] += single
     cov[: len(curved), : len(curved)] += curved
+    cov[: len(curved), : len(curved)] += np.outer(sized, sized)
     if near:
         cov *= 1.0 - sum(weight for weight, _ in near)
     for weight, other in near:
@@ -97,9 +99,20 @@ def curvature(best: Solution) -> Array:
 
 def _way(best: Solution, beside: Solution) -> Array:
     """(P,) from the unknowns of a solution to those of a rigid one with another camera."""
-    away = (beside.rig_from_model @ best.rig_from_model.inverse()).log()
     own = beside.state.nuisance[:, : best.state.nuisance.shape[1]] - best.state.nuisance
-    return np.concatenate([np.linalg.solve(best.to_model(), away), own.ravel(), -best.state.bent])
+    return np.concatenate([_turned(best, beside), own.ravel(), -best.state.bent])
+
+
+def away(best: Solution, other: Solution) -> Array:
+    """(P,) from the unknowns of a solution to those of another of the same views and modes."""
+    own, bent = other.state.nuisance - best.state.nuisance, other.state.bent - best.state.bent
+    return np.concatenate([_turned(best, other), own.ravel(), bent])
+
+
+def _turned(best: Solution, other: Solution) -> Array:
+    """(6,) from the pose of the unit model of a solution to that of another."""
+    log = (other.rig_from_model @ best.rig_from_model.inverse()).log()
+    return np.asarray(np.linalg.solve(best.to_model(), log))
 
 
 def _of_root(best: Solution, bends: float) -> tuple[Solution, Array]:

@@ -3,6 +3,11 @@
 The search and the judge know markers as points. That they are discs of known radii and normals comes last and moves
 every projection (`judge.answer`). A table whose radii are in another unit than its places, or whose normals are wrong,
 moves them by pixels: so the solution as it is published must pass the gates of the accepted one, and fit no worse.
+
+Wrong radii that do neither move the pose all the same: eccentricity looks like another pose, residuals stay small.
+How large the discs are imaged tells them. The eccentricity goes with the square of the radius, so the pose is found
+once more with discs of the imaged size, and its covariance has the way there: whatever the reason (a table that is
+wrong, a print that bled), the one or the other is right. Where the sizes agree that is next to nothing.
 """
 
 from __future__ import annotations
@@ -14,14 +19,14 @@ from numpy.typing import NDArray
 
 from windmark.errors import g2
 from windmark.registration.judge import own
-from windmark.registration.judge.answer import are_discs, corrected
+from windmark.registration.judge.answer import are_discs, away, corrected
 from windmark.registration.judge.verdict import Verdict
 from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.state import EXCESS
 from windmark.registration.settle.settling import accepted, with_excess
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import MIN_COUNT, Limits
-from windmark.scene.units import RADII_ODD, RADII_OFF, off_by, radii_words
+from windmark.scene.units import RADII_ODD, RADII_OFF, common_ratio, off_by, radii_words
 
 Array = NDArray[np.float64]
 
@@ -32,7 +37,8 @@ def stands(verdict: Verdict, limits: Limits) -> Verdict:
         return verdict
     best = verdict.best
     markers = best.views.planes[0].task.markers
-    ratio = off_by(_ratios(best), MIN_COUNT)
+    ratios, imaged_px = _ratios(best)
+    ratio = off_by(ratios, MIN_COUNT)
     odd = radii_words(ratio, markers.length_unit)
     if max(ratio, 1 / ratio) > RADII_OFF:
         fits = f"The places fit: they match {best.count} of {best.expected} markers in view"
@@ -40,16 +46,25 @@ def stands(verdict: Verdict, limits: Limits) -> Verdict:
     final = corrected(best)
     if words := _grown(best, final, limits):
         return replace(verdict, cause="discs", reason=words)
-    unchecked = verdict.unchecked
-    if max(ratio, 1 / ratio) > RADII_ODD:
-        told = "By them a disc's centre is told from that of its image"
-        unchecked = (*unchecked, Unchecked("radii", f"{odd} {told}"))
-    return replace(verdict, published=final, unchecked=unchecked)
+    unchecked, size = verdict.unchecked, common_ratio(ratios, imaged_px, MIN_COUNT)
+    imaged = corrected(best, size.ratio**2) if size.ratio != 1.0 and final.state.offset.any() else None
+    # Otherwise the sigma of the pose has it, and there is nothing to look after.
+    matters = imaged is not None and _sigmas(final, imaged) > 1.0
+    if size.is_off and (matters or max(ratio, 1 / ratio) > RADII_ODD):
+        told = "By them a disc's centre is told from that of its image; the sigma of the pose has what that changes"
+        unchecked = (*unchecked, Unchecked("radii", f"{radii_words(size.ratio, markers.length_unit)}. {told}"))
+    return replace(verdict, published=final, unchecked=unchecked, imaged=imaged)
 
 
-def _ratios(best: Solution) -> Array:
-    """(N,) imaged radii over those that the table lets expect, NaN where either is not known."""
-    ratios = [np.zeros(0)]
+def _sigmas(final: Solution, imaged: Solution) -> float:
+    """How far the pose with discs of the imaged size is from that with the table's, in its own sigmas."""
+    way = away(final, imaged)[:6]
+    return float(np.sqrt(way @ np.linalg.solve(final.unit_cov[:6, :6], way)))
+
+
+def _ratios(best: Solution) -> tuple[Array, Array]:
+    """(N,) imaged radii over those that the table lets expect, NaN where either is not known; (N,) imaged, in px."""
+    ratios, sizes = [np.zeros(0)], [np.zeros(0)]
     for c in best.seeing:
         task, pose = best.views.planes[c].task, best.cam_from_model(c)
         spot, marker = best.pairs(c)
@@ -61,7 +76,8 @@ def _ratios(best: Solution) -> Array:
         slant = np.abs((pose.rotate(task.markers.normal[marker]) * place).sum(axis=1)) / away
         size = task.markers.radius[marker] * float(best.state.camera[c, 0]) / place[:, 2]
         ratios.append(task.radius_px[spot] / (size * np.sqrt(np.where(np.isfinite(slant), slant, 1.0))))
-    return np.concatenate(ratios)
+        sizes.append(task.radius_px[spot])
+    return np.concatenate(ratios), np.concatenate(sizes)
 
 
 def _grown(best: Solution, final: Solution, limits: Limits) -> str:

@@ -24,7 +24,7 @@ from windmark.registration.judge.repaired import Repaired
 from windmark.registration.judge.source import Source, distinct
 from windmark.registration.judge.symmetric import told_by_bending, told_by_table_errors
 from windmark.registration.judge.twins import Weighed, elsewhere, near_ones, twin_of
-from windmark.registration.judge.unseen import unchecked_bend, unchecked_copy, unchecked_shift
+from windmark.registration.judge.unseen import unchecked_bend, unchecked_copy, unchecked_shift, unchecked_twice
 from windmark.registration.judge.verdict import Verdict, for_camera, runner_up, unbound
 from windmark.registration.result import Cause, RunnerUp, Unchecked
 from windmark.registration.settle.solution import Solution
@@ -243,6 +243,7 @@ class Judge:
         unchecked.extend([] if best.is_bent else unchecked_bend(doubts.look))
         unchecked.extend([Unchecked("scale", words.SCALE_UNSEEN)] if len(self._views.planes) == 1 else [])
         unchecked.extend(unchecked_shift(best, own.shift_of(best, self._source.solutions(), self._limits)))
+        unchecked.extend(unchecked_twice(best))
         unchecked.extend(unchecked_copy(best, self._copies_from, self._limits.margin))
         if (without := one_pair.without_unheld(best)) is not None:
             unchecked.append(without[1])

@@ -37,12 +37,31 @@ COPY = (
 COPY_UNSEEN = (
     "whether the model is in the picture a second time was not looked for to the end, as the work was over (max_time_s)"
 )
+TWICE = (
+    "which of the names {names} is that of the spot: the table has the marker twice, at one place (leave one out)"
+)
+SAME_PLACE = 1e-6
+"""Of the table's size: markers that are no farther apart are one, written down with so many digits."""
 
 
 SHIFT = (
     "whether the layout goes on beyond its table: with {other} where {best} is now, and all others shifted alike, it "
     "fits as well and leaves only spots that could be more of the same rows"
 )
+
+
+def unchecked_twice(best: Solution) -> list[Unchecked]:
+    """What is to be said of markers at one place: their labels are a matter of chance. Back to back they are two."""
+    markers, layout = best.views.planes[0].task.markers, best.views.layout
+    size = SAME_PLACE * layout.frame.scale
+    some, matched = np.flatnonzero(layout.spacing <= size), np.asarray((best.state.match >= 0).any(axis=0))
+    out: list[Unchecked] = []
+    for k, a in enumerate(some.tolist()):
+        apart = np.linalg.norm(markers.xyz[some[k + 1 :]] - markers.xyz[a], axis=1)
+        opposite = (markers.normal[some[k + 1 :]] * markers.normal[a]).sum(axis=1) < 0  # not of unknown ones
+        same = [b for b in some[k + 1 :][(apart <= size) & ~opposite].tolist() if matched[a] or matched[b]]
+        out += [Unchecked("twice", TWICE.format(names=f"{markers.name[a]} and {markers.name[b]}")) for b in same]
+    return out
 
 
 def unchecked_shift(best: Solution, shifted: Solution | None) -> list[Unchecked]:

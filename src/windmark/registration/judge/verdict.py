@@ -26,6 +26,7 @@ class Verdict:
     those that are ``near``, each with its probability (`judge.twins`). ``published`` is the best one as it is reported,
     with the discs' eccentricity, once that has been looked at. ``without`` is the best one less a pair that the others
     hardly check: a foreign spot near the marker's place would be taken for it, so the pose is known as it is there.
+    ``imaged`` is the published one with discs of the size that they are imaged with (`judge.discs`).
     """
 
     best: Solution | None
@@ -37,6 +38,7 @@ class Verdict:
     near: tuple[Weighed, ...] = ()
     published: Solution | None = None
     without: Solution | None = None
+    imaged: Solution | None = None
 
 
 def runner_up(best: Solution, other: Solution, limits: Limits) -> RunnerUp:

@@ -23,6 +23,9 @@ TOO_CLOSE_PX = 8.0
 INWARD, CLEARLY = 0.9, 0.3
 """Part of the normals that point to the middle of the markers, of those that point clearly to or from it (by the cosine
 of their angle), from which all are turned round: from a model's surface they point away, but for hollow parts."""
+NEIGHBOURS, AGAINST, TYPICAL = 5, -0.3, 3.0
+"""Nearest markers against all of whose normals a reversed one points (cosine); and how much worse than the table's
+others, at the median, it may lie on their surface."""
 FLAT, ON_LINE = 0.01, 1e-3
 """Thickness and width of a set of markers over its length."""
 
@@ -53,8 +56,8 @@ def table_findings(stage: Stage, campaign: Campaign, never_seen: NDArray[np.bool
     scale_px : pixels per length unit in a typical view
     """
     parts = (
-        _too_few(stage), _inward(stage.markers), _shape(stage.markers.xyz), _too_close(stage, scale_px),
-        _never(stage, never_seen), _unknown(stage), _few_in_sight(stage, campaign),
+        _too_few(stage), _inward(stage.markers), _reversed(stage.markers), _shape(stage.markers.xyz),
+        _too_close(stage, scale_px), _never(stage, never_seen), _unknown(stage), _few_in_sight(stage, campaign),
     )  # fmt: skip
     return [finding for part in parts for finding in part]
 
@@ -82,6 +85,35 @@ def _inward(markers: MarkerSet) -> list[Finding]:
     return [Finding("inward", f"{count} of {len(clear)} normals that point clearly to or from the middle of the markers"
                               " point to it: the normals of the table point into the model, or the markers are on"
                               " walls that surround the cameras")]  # fmt: skip
+
+
+def _reversed(markers: MarkerSet) -> list[Finding]:
+    """Single normals that are turned round among those of their neighbours, on whose surface the marker lies.
+
+    Of two places on a smooth surface the way from one to the other is square to the sum of their normals, but for the
+    third order of the way. Turned round, one normal makes it the difference. A marker on the other side of a thin part
+    has such a normal, too, but it lies below that surface.
+    """
+    from scipy.spatial import cKDTree
+
+    known = np.flatnonzero(np.isfinite(markers.normal).all(axis=1))
+    if len(known) < max(FEWEST, NEIGHBOURS + 1):
+        return []
+    xyz, normal = markers.xyz[known], markers.normal[known]
+    near = cKDTree(xyz).query(xyz, NEIGHBOURS + 1)[1][:, 1:]
+    way = xyz[near] - xyz[:, None]
+    way = way / np.maximum(np.linalg.norm(way, axis=2, keepdims=True), 1e-300)
+    cosine = np.einsum("nk,njk->nj", normal, normal[near])
+    sign = np.where(cosine < 0, -1.0, 1.0)[..., None]
+    off = np.abs(np.einsum("njk,njk->nj", normal[near] + sign * normal[:, None], way))
+    typical = float(np.median(off[cosine > 0])) if (cosine > 0).any() else 0.0
+    wrong = (cosine < AGAINST).all(axis=1) & (np.median(off, axis=1) <= TYPICAL * max(typical, 1e-6))
+    names = tuple(str(n) for n in markers.name[known[wrong]])
+    if not names:
+        return []
+    point = "points" if len(names) == 1 else "point"
+    return [Finding("reversed", f"the normal of {name_list(np.array(names))} {point} against those of all neighbours, "
+                                "on whose surface it lies: turned round in the table?", names)]  # fmt: skip
 
 
 def _shape(xyz: Array) -> list[Finding]:

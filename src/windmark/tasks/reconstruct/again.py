@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.calibration import Calibration
+from windmark.errors import g2
 from windmark.registration import CONTRADICTED, NotRegistered, Registration, prepare, register
 from windmark.registration.search.layout import Layout
 from windmark.scene import Detections, Doubt, MarkerSet
@@ -30,6 +31,8 @@ BY_PICTURES = ("register", "neighbour", "pair")
 """Ways in which nothing but the spots gave a pose; labels and given poses decide what spots cannot."""
 NEAR_DEG, NEAR_SCALE = 5.0, 1.1
 """How far from its pose a picture is looked for where it is not recognised without one."""
+FOCAL_SIGMAS = 4.0
+"""How far a picture's own focal length is off the camera's to be the reason: by chance of one in 16,000."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,8 @@ def asked_again(
         else:
             out[v] = _why(answer)
     if last:
-        out |= dict.fromkeys(moved, "it fits the points of the other pictures elsewhere, and not there either")
+        spots_of = {v: _as_uncertain(task.detections[v], done.sigma0) for v in moved}
+        out |= {v: _elsewhere(task, structure, v, spots_of[v], markers, layout) for v in moved}
         moved = {}
     stay = [v for v in tied if v in structure.poses] if 2 * len(tied) >= len(structure.poses) else []
     out |= {v: f"it fits in two places: {why}" for v, why in tied.items() if v not in stay}
@@ -123,6 +127,23 @@ def _asked(
         spots, markers, camera, layout=layout, prior=structure.poses[view], prior_max_angle_deg=NEAR_DEG,
         prior_max_scale=NEAR_SCALE, max_deformation=0.0, seed=task.seed,
     )  # fmt: skip
+
+
+def _elsewhere(
+    task: Task, structure: Structure, view: int, spots: Detections, markers: MarkerSet, layout: Layout
+) -> str:
+    """Why a picture is left out that fits elsewhere, but in the end not there: its focal length, where that is off."""
+    camera = structure.cameras[task.views[view].camera]
+    free = register(spots, markers, camera, layout=layout, free_focal=True, max_deformation=0.0, seed=task.seed)
+    if isinstance(free, Registration):
+        off, sigma = free.camera.focal_px - camera.focal_px, float(np.sqrt(free.cov[6, 6]))
+        if abs(off) > FOCAL_SIGMAS * sigma:
+            change = "longer" if off > 0 else "shorter"
+            return (
+                f"another focal length: it shows {free.camera.focal_px:.0f} px, {g2(100 * abs(off) / camera.focal_px)} "
+                f"% {change} than the camera's ({abs(off) / sigma:.0f} sigma)"
+            )
+    return "it fits the points of the other pictures elsewhere, and not there either"
 
 
 def _as_uncertain(spots: Detections, sigma0: float) -> Detections:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,9 +10,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.calibration import Distance
+from windmark.calibration import Calibration, Distance
+from windmark.calibration.by_poses import by_poses
+from windmark.errors import g2
 from windmark.geometry import Pose
 from windmark.geometry.similarity import Similarity
+from windmark.scene import Doubt
 from windmark.tasks.reconstruct.structure import Structure
 from windmark.tasks.reconstruct.task import Refused, Task
 
@@ -30,10 +34,17 @@ POSES = "that of the given poses"
 def frame_words(task: Task, structure: Structure, distances: Sequence[Distance]) -> tuple[str, bool]:
     """Frame and scale in words, and whether lengths are free (in no unit)."""
     if _given(task, structure):
-        return f"frame and scale: {POSES}, which the adjustment keeps on average", False
+        return f"frame and scale: {POSES}, to which the pictures' own are fitted", False
     if distances:
         return f"frame: {MEAN_PLANE}; scale: the known distances", False
     return f"frame: {MEAN_PLANE}; free scale: {UNIT_SIZE}", True
+
+
+def sigma_words(frame: str) -> str:
+    """Of what the sigmas of the markers are, in a frame in words."""
+    if POSES in frame:
+        return "1 sigma is that in this frame, with what the pictures leave open of their own poses"
+    return "1 sigma is that of the shape (inner constraints)"
 
 
 def in_its_frame(task: Task, structure: Structure, distances: Sequence[Distance], names: Sequence[str]) -> Structure:
@@ -57,6 +68,27 @@ def in_its_frame(task: Task, structure: Structure, distances: Sequence[Distance]
                           "reconstructed; label it in a picture that shows it well (image,name,x,y)")  # fmt: skip
         ratio.append(d.length / float(np.linalg.norm(out.xyz[row[d.first]] - out.xyz[row[d.second]])))
     return transformed(out, Similarity(float(np.median(ratio)), np.eye(3), np.zeros(3)))
+
+
+def in_posed_frame(task: Task, structure: Structure, result: Calibration) -> tuple[Structure, Calibration, list[Doubt]]:
+    """A finished structure in the frame of the given poses, with the sigmas that it has there, and what contradicts.
+
+    As it is where no poses hold the frame.
+    """
+    views = _given(task, structure)
+    if not views:
+        return structure, result, []
+    found = by_poses(result, {str(v): task.given[v] for v in views})
+    doubts = []
+    if not found.fits:
+        far = math.degrees(found.sigma)
+        names = [task.views[v].name for v in views]
+        doubts = [Doubt(
+            (), f"the given poses ({', '.join(names)}) contradict the pictures: beyond what these leave open they are "
+            f"off by some {g2(far)} degrees each, or {g2(100 * found.sigma)} % of the distance to the markers; frame "
+            "and scale are known no better than that leaves them, and the sigmas of the markers have it", "control",
+        )]  # fmt: skip
+    return transformed(structure, found.fit), found.calibration, doubts
 
 
 def transformed(structure: Structure, frame: Similarity) -> Structure:

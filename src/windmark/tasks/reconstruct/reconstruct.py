@@ -20,7 +20,7 @@ from windmark.tasks.reconstruct.again import Answers, asked_again
 from windmark.tasks.reconstruct.doubts import Sight, labels_that_differ, radii_differ
 from windmark.tasks.reconstruct.focal import refuse_gross, with_focals
 from windmark.tasks.reconstruct.frame import Frame, FreeFrame, Held, holding
-from windmark.tasks.reconstruct.free import frame_words
+from windmark.tasks.reconstruct.free import frame_words, in_posed_frame
 from windmark.tasks.reconstruct.groups import Framed, framed, why_left
 from windmark.tasks.reconstruct.normals import with_normals
 from windmark.tasks.reconstruct.off_table import off_their_table
@@ -143,11 +143,14 @@ def reconstruct(
     for v, view in enumerate(task.views):
         if v not in structure.poses and view.name not in dropped:
             dropped[view.name] = why_left(task, known.others, v) or said.out.get(v, ALONE)
-    out = _result(task, structure, other.calibration, names, linked_marks, dropped, how, options)
+    calibration, frame_doubts = other.calibration, list[Doubt]()
+    if not known.located:
+        structure, calibration, frame_doubts = in_posed_frame(task, structure, calibration)
+    out = _result(task, structure, calibration, names, linked_marks, dropped, how, options)
     frame, unitless = ("", False) if known.located else frame_words(task, structure, distances)
     out = replace(out, frame=frame, free_scale=unitless, open_spots=open_spots(task, out))
     out = _doubted(task, out, said.doubts)
-    return replace(out, doubts=(*with_focals(focals, other), *out.doubts), unchecked=other.unchecked)
+    return replace(out, doubts=(*with_focals(focals, other), *frame_doubts, *out.doubts), unchecked=other.unchecked)
 
 
 def _doubted(task: Task, out: Reconstruction, said: Sequence[Doubt]) -> Reconstruction:
