@@ -9,6 +9,7 @@ taken.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -105,12 +106,12 @@ def _seconds(solved: Solved, k: int, most: float) -> list[dict[str, Any]]:
     others = np.delete(jacobian, at, axis=1)
     follow = np.linalg.lstsq(others, h, rcond=None)[0]
     h -= others @ follow
-    terms = 2 * (a @ a + residual @ h), 3 * (a @ h), h @ h
-    root = terms[1] ** 2 - 4 * terms[0] * terms[2]
+    first, second, third = float(2 * (a @ a + residual @ h)), float(3 * (a @ h)), float(h @ h)
+    root = second**2 - 4 * first * third
     misfit = _misfits(solved)
-    if not terms[2] > 0 or not (root > 0 or misfit):
+    if not third > 0 or not (root > 0 or misfit):
         return []
-    far = float(-terms[1] - np.copysign(np.sqrt(max(root, 0.0)), terms[1])) / float(2 * terms[2])
+    far = (-second - math.copysign(math.sqrt(max(root, 0.0)), second)) / (2 * third)
     if not APART < abs(far) <= most / sigma:
         return []
     starts = [
