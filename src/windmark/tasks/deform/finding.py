@@ -16,22 +16,14 @@ from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.looking import Looking
 from windmark.tasks.deform.memory import displaced, predicted
 from windmark.tasks.deform.rival import Rival
-from windmark.tasks.deform.set_anew import (
-    LEAST,
-    REACH_PX,
-    Thin,
-    Whereabouts,
-    holding,
-    parts_of,
-    thin_parts,
-    whereabouts,
-)
+from windmark.tasks.deform.set_anew import Thin, Whereabouts, holding, parts_of, thin_parts, whereabouts
 from windmark.tasks.deform.settling import FEWER, Settler, own_camera
 from windmark.tasks.deform.slipped import Slips
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled, around, near
 from windmark.tasks.deform.states import both_reasons, doubted, implausible
 from windmark.tasks.deform.task import DeformationTest, FrameImages, Image
 from windmark.tasks.deform.walls import without_walls
+from windmark.tasks.deform.way import LEAST, REACH_PX
 from windmark.tasks.deform.why import set_otherwise
 
 Spots = dict[str, Detections | str]
