@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from windmark.app import cli, console
+from windmark.io.written import begin_command
 
 pytestmark = pytest.mark.slow  # processes that are ended from outside
 
@@ -64,6 +65,7 @@ def test_ctrl_c_before_a_verb_is_at_work_is_no_traceback(monkeypatch, capsys):
     monkeypatch.setattr(cli, "app", interrupted)
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    begin_command()  # what other tests wrote in this process is another command's
     with pytest.raises(SystemExit) as ended:
         cli.main()
     assert ended.value.code == 130
