@@ -157,7 +157,7 @@ def test_a_wind_off_picture_that_is_there_three_times_is_one_measurement(monkeyp
         state = replace(state, cameras={v.name: CAMERAS[v.camera] for v in VIEWS})
         cameras = {v.name: Sight(picture=p) for v, p in zip(VIEWS, pictures, strict=True)}
         found[key] = DeformedFrame(0, key, 0.0, "cold", "", state, spots, ("v0", "v1"), 0.0, cameras)
-    monkeypatch.setattr(run, "follow_deformation", lambda frames, test: iter([found[frames[0].key]]))
+    monkeypatch.setattr(run, "follow_deformation", lambda frames, test, **_: iter([found[frames[0].key]]))
     stations = tuple(Station(v.name, CAMERAS[v.camera], v.cam_from_model) for v in VIEWS)
     project = SimpleNamespace(sequence=SimpleNamespace(zero=("0", "7", "8", "9")), path=None)
     frames = [FrameImages(key, float(key), {}) for key in found]

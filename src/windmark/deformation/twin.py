@@ -123,9 +123,11 @@ def _seconds(solved: Solved, k: int, most: float) -> list[dict[str, Any]]:
 
 def _solved_from(solved: Solved, start: dict[str, Any], reject: bool) -> Solved | None:
     task = solved.task
+    if solved.sighting.evaluated(start) is None:
+        return None  # markers behind a camera, beyond its lens, or where a law has no place
     try:
         other = solve(task, start, task.eccentricity(start), reject, near=False)
-    except DegenerateGeometry:
+    except (DegenerateGeometry, np.linalg.LinAlgError):  # also of a mark that was left out, and has no place there
         return None
     return other if isinstance(other, Solved) else None
 
