@@ -256,20 +256,23 @@ class Finder:
     ) -> Any:  # fmt: skip
         """State, spots and observations with parts where most of their markers have spots; None where nothing tells."""
         thin = thin_parts(self._parts, self._test, state, seen, self._settler.hidden)
-        self._anew = []
+        anew = list[Whereabouts]()
         q, own = state.q, {n: s for n, s in spots.items() if n not in self._looking.shots}  # of the same instant
         for part in self._parts:
             if part.name in thin:
                 found = whereabouts(part, replace(state, q=q), seen, own, self._test)
                 q = q if found is None else found.q
-                self._anew += [] if found is None else [found]
-        if not self._anew:
+                anew += [] if found is None else [found]
+        if not anew:
             return None
         found = self._settler.there(images, replace(state, q=q), seen, REACH_PX)
         if isinstance(found, str):
             return None
         still = thin_parts(self._parts, self._test, found[0], found[1], self._settler.hidden)
-        return found if len(still) < len(thin) else None
+        if len(still) >= len(thin):
+            return None
+        self._anew += anew
+        return found
 
     def _unslipped(self, found: Any, images: dict[str, Image], frame: FrameImages, *, cold: bool) -> Any:
         """What was found; or that with a part further on in its rows where it explains more; or that in doubt of it."""
