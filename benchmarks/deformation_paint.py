@@ -28,7 +28,7 @@ from windmark.app.deform_pictures import Maps, maps_picture
 from windmark.app.pictures import png
 from windmark.geometry import Pose
 from windmark.pipeline.deform import DeformedFrame, FrameImages, follow_deformation
-from windmark.pipeline.deform.project import ValuesEntry
+from windmark.pipeline.deform.entries import ValuesEntry
 from windmark.pipeline.deform.values import Mapper, away_from, surface_values
 from windmark.scene import Mesh
 

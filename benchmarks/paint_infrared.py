@@ -22,7 +22,7 @@ import numpy as np
 
 from windmark import io
 from windmark.pipeline.deform.pictures import follow_deformation
-from windmark.pipeline.deform.run import zeroed
+from windmark.pipeline.deform.wind_off import zeroed
 from windmark.pipeline.infrared import InfraredRun, load_infrared, read_infrared_project
 from windmark.pipeline.infrared.flux import FieldMaker, make_fluxes
 from windmark.pipeline.infrared.run import DOUBTFUL, one_frame

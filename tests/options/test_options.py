@@ -18,7 +18,7 @@ from windmark.errors import UsageError
 from windmark.options import Option, calibration, detection, registration
 from windmark.pipeline import project
 from windmark.pipeline.calibrate import CalibrateSettings, MatchOptions
-from windmark.pipeline.deform.project import LookEntry
+from windmark.pipeline.deform.entries import LookEntry
 from windmark.pipeline.track_files import FollowOptions
 from windmark.registration import register, track
 from windmark.tasks.align2d import align_images

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from windmark.io import FileError
+from windmark.pipeline.deform.entries import RECORDING
 from windmark.pipeline.deform.frames import frames_on_disk, instants_of
-from windmark.pipeline.deform.project import RECORDING
 from windmark.tasks.deform.between import interpolated, lagrange
 from windmark.tasks.deform.spots import Labelled
 

@@ -7,7 +7,7 @@ import pytest
 
 from windmark import synth
 from windmark.geometry import Camera, Pose
-from windmark.pipeline.deform.project import ValuesEntry
+from windmark.pipeline.deform.entries import ValuesEntry
 from windmark.pipeline.deform.values import away_from, inside_px, surface_values
 from windmark.pipeline.light import light_of
 from windmark.scene import MarkerSet, Mesh

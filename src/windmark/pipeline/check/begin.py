@@ -16,7 +16,7 @@ from windmark.pipeline.deform.frames import instants_of, read_frame_table
 from windmark.pipeline.deform.hinges import exchanged_hinges
 from windmark.pipeline.deform.load import load
 from windmark.pipeline.deform.project import read_deform_project
-from windmark.pipeline.deform.run import wind_off_frames
+from windmark.pipeline.deform.wind_off import wind_off_frames
 from windmark.pipeline.infrared import load_infrared, read_infrared_project
 from windmark.pipeline.job import begin
 from windmark.pipeline.project import read_project

@@ -10,7 +10,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from windmark.pipeline.deform.project import RECORDING, DeformProject
+from windmark.pipeline.deform.entries import RECORDING
+from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.infrared import InfraredProject
 from windmark.pipeline.project import Project
 from windmark.pipeline.psp import PspProject

@@ -6,7 +6,8 @@ from windmark.pipeline.deform.load import Loaded, load
 from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.project import Changes, DeformProject, read_deform_project
 from windmark.pipeline.deform.record import FrameRecord
-from windmark.pipeline.deform.run import Sequence, run_sequence
+from windmark.pipeline.deform.run import run_sequence
+from windmark.pipeline.deform.sequence import Sequence
 from windmark.pipeline.deform.zero import Zero
 from windmark.tasks.deform.memory import displaced
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages, LookOptions, Station

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import io
+from windmark.pipeline.deform.entries import RECORDING, CameraEntry
 from windmark.pipeline.deform.names import instant_of, is_number, key_of, key_of_file, kind_of, order, said_of, stamp_ns
-from windmark.pipeline.deform.project import RECORDING, CameraEntry, DeformProject
+from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.timeline import Timeline, timeline
 from windmark.tasks.deform.task import FrameImages
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.deformation import Deformation
+from windmark.pipeline.deform.entries import OutputEntry
 from windmark.pipeline.deform.load import Loaded
-from windmark.pipeline.deform.project import OutputEntry
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.pipeline.deform.values import units
 from windmark.pipeline.deform.zero import Zero, displaced_since

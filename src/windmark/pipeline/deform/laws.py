@@ -12,12 +12,13 @@ from windmark import io
 from windmark.deformation import LawChoice, Volumes, compare_laws
 from windmark.deformation.laws.catalog import CATALOG
 from windmark.errors import UsageError
+from windmark.pipeline.deform.entries import AlternativeEntry, VolumeEntry
 from windmark.pipeline.deform.frames import instants_of
 from windmark.pipeline.deform.load import Loaded, volumes_of
 from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.pictures import follow_deformation
-from windmark.pipeline.deform.project import AlternativeEntry, DeformProject, VolumeEntry
-from windmark.pipeline.deform.run import zeroed
+from windmark.pipeline.deform.project import DeformProject
+from windmark.pipeline.deform.wind_off import zeroed
 from windmark.scene import View
 from windmark.tasks.deform.states import what_is_free
 

@@ -15,8 +15,9 @@ from windmark.deformation.laws.catalog import CATALOG, make_law
 from windmark.errors import WindmarkError, g3
 from windmark.geometry import Camera, Pose
 from windmark.io.errors import note_read, noted, reading
+from windmark.pipeline.deform.entries import CameraEntry, VolumeEntry, no_law
 from windmark.pipeline.deform.imported import imported_files
-from windmark.pipeline.deform.project import CameraEntry, DeformProject, VolumeEntry, no_law
+from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.grid import oriented, read_surface, sides_words, with_curvature
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.likely_unit import likely_unit

@@ -14,7 +14,8 @@ from windmark import io
 from windmark.deformation import Deformation
 from windmark.io.errors import reading
 from windmark.pipeline import same_run
-from windmark.pipeline.deform.project import RECORDING, DeformProject
+from windmark.pipeline.deform.entries import RECORDING
+from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages
 

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from windmark import io
-from windmark.deformation import Deformation, zero_markers
 from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
 from windmark.pipeline.deform.grid_output import gridded, write_grid_series
 from windmark.pipeline.deform.live import Watch
 from windmark.pipeline.deform.load import Loaded
-from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.outputs import Writer
-from windmark.pipeline.deform.pictured import Gallery
-from windmark.pipeline.deform.pictures import follow_deformation, read
+from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.points import PointMapper
-from windmark.pipeline.deform.project import DeformProject
-from windmark.pipeline.deform.record import MISFIT, FrameRecord, record
+from windmark.pipeline.deform.record import FrameRecord, record
 from windmark.pipeline.deform.resume import (
     ARRIVALS,
     Kept,
@@ -37,76 +31,18 @@ from windmark.pipeline.deform.resume import (
     pictures_of,
     states_of,
 )
+from windmark.pipeline.deform.sequence import Sequence
 from windmark.pipeline.deform.series import NOT_TRIED
 from windmark.pipeline.deform.timeline import Timeline
-from windmark.pipeline.deform.values import Compared, Mapper
-from windmark.pipeline.deform.zero import Zero, motion_point, noise_share
-from windmark.pipeline.likely_unit import likely_unit, model_box
+from windmark.pipeline.deform.values import Mapper
+from windmark.pipeline.deform.wind_off import wind_off_frames, zeroed
+from windmark.pipeline.deform.zero import motion_point
 from windmark.pipeline.resume import Stopped, check_state, cut, read_stopped
 from windmark.pipeline.same_run import check_begun, check_pictures
-from windmark.scene import View
-from windmark.tasks.deform.states import identified_again
-from windmark.tasks.deform.task import DeformedFrame, FrameImages, Reader
-
-Array = NDArray[np.float64]
-
-KEPT = 120
-"""States that are kept for the film; with more frames every second one is dropped, again and again."""
-
+from windmark.tasks.deform.task import DeformedFrame, FrameImages
 
 FEW_NAMED = 5
 """Files that a remark names."""
-
-
-@dataclass
-class Sequence:
-    """What is left of a sequence when it is over.
-
-    Parameters
-    ----------
-    records : the numbers of every frame
-    zero : the wind-off state; None without one
-    moved : (N, 3) how far the zero moved the markers from their table; None without one
-    film : some evenly spaced frames with their states
-    table : what is known of the frames besides
-    interrupted : Ctrl-C ended it
-    compared : the most deformed frame mapped with and without its deformation; None without values and zero
-    clock : the camera whose pictures are the instants; "" where pictures of one number are of one instant
-    remarks : what is odd about the pictures' times
-    arrivals : what became of the files that arrived -> how many
-    gallery : the instants that are shown by their pictures
-    """
-
-    records: list[FrameRecord] = field(default_factory=list)
-    zero: Zero | None = None
-    moved: Array | None = None
-    film: list[tuple[FrameRecord, Deformation]] = field(default_factory=list)
-    table: FrameTable = field(default_factory=FrameTable)
-    interrupted: bool = False
-    compared: Compared | None = None
-    clock: str = ""
-    remarks: tuple[str, ...] = ()
-    arrivals: Counter[str] = field(default_factory=Counter)
-    gallery: Gallery = field(default_factory=Gallery)
-    _stride: int = 1
-
-    def films(self, row: FrameRecord) -> bool:
-        """Whether the film keeps the state of a frame that is added now."""
-        return row.index % self._stride == 0
-
-    def keep(self, row: FrameRecord, state: Deformation | None) -> None:
-        """Add a frame; memory stays that of its few numbers. ``state``: where the film keeps it."""
-        self.records.append(row)
-        if state is not None:
-            self.film.append((row, state))
-        if len(self.film) > KEPT:
-            self._stride *= 2
-            self.film = [pair for pair in self.film if pair[0].index % self._stride == 0]
-
-    @property
-    def good(self) -> list[FrameRecord]:
-        """The frames with a state."""
-        return [r for r in self.records if r.status in ("cold", "tracked", MISFIT)]
 
 
 def run_sequence(
@@ -315,56 +251,3 @@ def time_of(frame: DeformedFrame, images: FrameImages, table: FrameTable, rate_h
         return frame.instant / rate_hz
     stamps = [item.time_s for item in images.images.values() if isinstance(item, io.Frame)]
     return next((t for t in stamps if np.isfinite(t)), float("nan"))
-
-
-def zeroed(
-    loaded: Loaded, timeline: Timeline, read: Reader = read
-) -> tuple[Loaded, Zero | None, Array | None, list[tuple[DeformedFrame, FrameImages]]]:
-    """The test with the markers where the wind-off frames show them, the wind-off state, and these frames."""
-    project = loaded.project
-    wanted = wind_off_frames(project, timeline)
-    if not wanted:
-        return loaded, None, None, []
-    good, why = [], ""
-    shown: set[tuple[tuple[str, int], ...]] = set()
-    for key, images in wanted.items():  # each for itself: wind-off frames may be far apart
-        frame = next(follow_deformation([images], replace(loaded.test, wind_off=(images.key,)), read=read))
-        pictures = tuple((name, sight.picture) for name, sight in frame.cameras.items() if sight.picture)
-        if frame.state is None:
-            why = f"frame {key}: {frame.reason}"
-        elif not pictures or pictures not in shown:  # the same pictures once more are no second measurement
-            good.append((frame, images))
-            shown.add(pictures)
-    if not good:
-        _check_units(loaded)
-        raise io.FileError(project.path, f"no wind-off frame can be used; {why}", "sequence.zero")
-    states, seen = [f.state for f, _ in good if f.state], [f.observations for f, _ in good if f.observations]
-    corrected = zero_markers(states, seen, [[View(n, n) for n in f.views] for f, _ in good], loaded.test.markers)
-    test = replace(
-        loaded.test, markers=corrected.markers, marker_cov=corrected.cov, wind_off=tuple(frame.key for frame, _ in good)
-    )  # fmt: skip
-    good = [(identified_again(frame, test), images) for frame, images in good]
-    share = noise_share(loaded.test.markers, corrected.cov, corrected.seen)
-    zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations, corrected.markers, share)
-    return replace(loaded, test=test), zero, corrected.shift, good
-
-
-def wind_off_frames(project: DeformProject, timeline: Timeline) -> dict[str, FrameImages]:
-    """The wind-off frames by their keys; `FileError` where one of them has no image."""
-    known = {f.key: f for f in timeline.frames}
-    wanted = list(map(key_of, project.sequence.zero))
-    missing = [k for k in wanted if k not in known]
-    if missing:
-        raise io.FileError(project.path, f"frame {missing[0]} has no image; expected a wind-off frame", "sequence.zero")
-    return {k: known[k] for k in wanted}
-
-
-def _check_units(loaded: Loaded) -> None:
-    """`FileError` where the markers lie beside the grid, and on it in another unit: all cameras seem moved then."""
-    if loaded.mesh is None:
-        return
-    project, markers = loaded.project, loaded.test.markers
-    units, _ = likely_unit(markers.xyz[markers.role != "wall"], model_box(loaded.mesh), project.length_unit)
-    if units:
-        words = f"in {project.length_unit} its markers do not fit the grid, in {' or '.join(units)} they would"
-        raise io.FileError(project.markers.file, words, "length unit")

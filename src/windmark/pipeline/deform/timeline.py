@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from windmark import io
 from windmark.errors import UsageError
+from windmark.pipeline.deform.entries import RECORDING, CameraEntry
 from windmark.pipeline.deform.names import EXACT, is_number, key_of, kind_of, order
-from windmark.pipeline.deform.project import RECORDING, CameraEntry, DeformProject
+from windmark.pipeline.deform.project import DeformProject
 from windmark.tasks.deform.task import FrameImages, Shot
 
 Array = NDArray[np.float64]

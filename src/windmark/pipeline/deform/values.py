@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from windmark.deformation import Deformation, bound_vertices, identify
 from windmark.geometry import Camera, Pose
+from windmark.pipeline.deform.entries import ValuesEntry
 from windmark.pipeline.deform.pictures import read_light
-from windmark.pipeline.deform.project import ValuesEntry
 from windmark.resection import inside_px, node_values, see_nodes
 from windmark.scene import MarkerSet, Mesh, View
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages, Image

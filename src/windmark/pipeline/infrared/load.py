@@ -15,9 +15,9 @@ from windmark.deformation import vertex_volumes
 from windmark.errors import WindmarkError
 from windmark.io.errors import noted
 from windmark.paint import EmissivityTable, Wall, curvature_sum, dielectric_emissivity
+from windmark.pipeline.deform.entries import CameraEntry as DeformCamera
 from windmark.pipeline.deform.frames import FrameTable, instants_of, read_frame_table
 from windmark.pipeline.deform.load import Loaded, load
-from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.infrared.project import InfraredProject

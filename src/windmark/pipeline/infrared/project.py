@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from windmark.errors import UsageError
-from windmark.pipeline.deform.project import RECORDING, LookEntry, MarkersEntry, MotionEntry, SequenceEntry, VolumeEntry
-from windmark.pipeline.deform.project import CameraEntry as DeformCamera
+from windmark.pipeline.deform.entries import RECORDING, LookEntry, MarkersEntry, MotionEntry, SequenceEntry, VolumeEntry
+from windmark.pipeline.deform.entries import CameraEntry as DeformCamera
 from windmark.pipeline.faults import Faults
 from windmark.pipeline.infrared.walls import WallEntry
 from windmark.pipeline.lengths import Lengths

@@ -17,7 +17,7 @@ from windmark.pipeline import same_run
 from windmark.pipeline.deform.pictures import follow_deformation
 from windmark.pipeline.deform.resume import inputs as deform_inputs
 from windmark.pipeline.deform.resume import named, pictures_of, prints_of
-from windmark.pipeline.deform.run import wind_off_frames, zeroed
+from windmark.pipeline.deform.wind_off import wind_off_frames, zeroed
 from windmark.pipeline.infrared.flux import FieldMaker, FrameFields, make_fluxes
 from windmark.pipeline.infrared.frame import run_frame
 from windmark.pipeline.infrared.jumps import jumps

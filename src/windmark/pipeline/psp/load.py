@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from windmark import io
 from windmark.io.errors import noted
 from windmark.paint import TemperaturePaint, TunnelGain, form_factors
+from windmark.pipeline.deform.entries import CameraEntry as DeformCamera
 from windmark.pipeline.deform.load import Loaded, load
-from windmark.pipeline.deform.project import CameraEntry as DeformCamera
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.framing import frame_views
 from windmark.pipeline.lengths import Lengths

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from windmark.pipeline.deform.project import LookEntry, MarkersEntry, MotionEntry, VolumeEntry
+from windmark.pipeline.deform.entries import LookEntry, MarkersEntry, MotionEntry, VolumeEntry
 from windmark.pipeline.faults import Faults
 from windmark.pipeline.lengths import Lengths
 from windmark.pipeline.project_entries import Finite, GridEntry, Unit, ViewEntry
