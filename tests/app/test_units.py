@@ -12,9 +12,9 @@ import windmark as package
 from windmark import io
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.scene import MarkerSet, Mesh
 from windmark.scene.units import IN_MM
+from windmark.tasks.likely_unit import likely_unit, model_box
 
 CAMERA = Camera((320, 240), 400.0)
 POSE = Pose.look_at([0.0, 0, 500], [0, 0, 0], [0, 1, 0])

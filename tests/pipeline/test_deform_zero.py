@@ -9,13 +9,13 @@ from swept_scenes import CAMERAS, MARKERS, MOTION, PARTS, VIEWS, VOLUMES, WALL, 
 
 from windmark.deformation import Stations, identify, zero_markers
 from windmark.geometry import Pose
-from windmark.pipeline.deform import DeformationTest, DeformedFrame, FrameImages, Station, Zero, grid_output, run
+from windmark.pipeline.deform import DeformationTest, DeformedFrame, FrameImages, Station, Zero, grid_output, wind_off
 from windmark.pipeline.deform.outputs import Writer
 from windmark.pipeline.deform.record import record
-from windmark.pipeline.deform.zero import displaced_since, noise_share
 from windmark.pipeline.verdict.deform import deform_verdict
 from windmark.scene import Mesh
 from windmark.tasks.deform.task import Sight
+from windmark.tasks.deform.zero import displaced_since, noise_share
 
 REST = Pose.identity()
 LOADED = Q + np.array([6.0, 2.0, -0.3, 0.5])
@@ -157,11 +157,11 @@ def test_a_wind_off_picture_that_is_there_three_times_is_one_measurement(monkeyp
         state = replace(state, cameras={v.name: CAMERAS[v.camera] for v in VIEWS})
         cameras = {v.name: Sight(picture=p) for v, p in zip(VIEWS, pictures, strict=True)}
         found[key] = DeformedFrame(0, key, 0.0, "cold", "", state, spots, ("v0", "v1"), 0.0, cameras)
-    monkeypatch.setattr(run, "follow_deformation", lambda frames, test, **_: iter([found[frames[0].key]]))
+    monkeypatch.setattr(wind_off, "follow_deformation", lambda frames, test, **_: iter([found[frames[0].key]]))
     stations = tuple(Station(v.name, CAMERAS[v.camera], v.cam_from_model) for v in VIEWS)
     project = SimpleNamespace(sequence=SimpleNamespace(zero=("0", "7", "8", "9")), path=None)
     frames = [FrameImages(key, float(key), {}) for key in found]
     loaded = Project(DeformationTest(stations, MARKERS, VOLUMES), project)
-    _, zero, _, still = run.zeroed(loaded, SimpleNamespace(frames=frames))
+    _, zero, _, still = wind_off.zeroed(loaded, SimpleNamespace(frames=frames))
     assert zero.frames == 2
     assert [frame.key for frame, _ in still] == ["0", "8"]

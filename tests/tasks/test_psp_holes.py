@@ -7,10 +7,10 @@ import pytest
 
 from windmark.geometry import Camera, Pose
 from windmark.paint import LoadReference, NodeField, SensorModel
-from windmark.pipeline.psp.flats import clipped_part
 from windmark.pipeline.verdict.paint import flat_findings
 from windmark.scene import Mesh, structured_triangles
 from windmark.tasks.psp import Lamp, ModelPicture, Reference, ratio_of, seen_loads, shown_areas
+from windmark.tasks.psp.flats import clipped_part
 from windmark.tasks.psp.loads import hole_words
 
 CAMERA = Camera((160, 120), 200.0)

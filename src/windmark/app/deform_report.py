@@ -24,8 +24,8 @@ from windmark.errors import g2, g3
 from windmark.pipeline.deform import Loaded, Sequence
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.deform.record import DOUBTFUL
-from windmark.pipeline.deform.zero import MOTION
 from windmark.pipeline.surface import surface_view
+from windmark.tasks.deform.zero import MOTION
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from windmark.app.standing_scene import own_markers, shown_markers, spread
 from windmark.deformation import Deformation
 from windmark.deformation.result import vertex_volumes
 from windmark.pipeline.deform import FrameRecord, Loaded, Sequence
-from windmark.pipeline.deform.zero import Zero, displaced_since
+from windmark.tasks.deform.zero import Zero, displaced_since
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from windmark import io
 from windmark.errors import UsageError
 from windmark.io.cameras.record import FREE
 from windmark.io.markers import TARGET_ROLES
-from windmark.pipeline.likely_unit import Array, Box, likely_unit, model_box
 from windmark.pipeline.settings import COMMAND_LINE
 from windmark.scene import MarkerCovariance, MarkerSet, Mesh
 from windmark.scene.units import IN_WORDS, either
+from windmark.tasks.likely_unit import Array, Box, likely_unit, model_box
 
 Noun = TypeVar("Noun", MarkerSet, Mesh, io.PointList)
 

@@ -14,7 +14,6 @@ from scipy.ndimage import binary_dilation
 from windmark import resection
 from windmark.errors import DataError, WindmarkError
 from windmark.geometry import Camera, Pose
-from windmark.pipeline.black import black_pixels
 from windmark.pipeline.clock import Clock, Progress
 from windmark.pipeline.light import full_pixels
 from windmark.pipeline.merge import picture_of
@@ -26,6 +25,7 @@ from windmark.resection import NodeView, PixelMap
 from windmark.resection.sources import prepare, value_variance
 from windmark.scene import Mesh
 from windmark.scene.levels import missing_at
+from windmark.tasks.black import black_pixels
 
 Array = NDArray[np.float64]
 S = TypeVar("S")

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark import resection
-from windmark.pipeline.black import beside_black
 from windmark.pipeline.points import MergedTable, PointSet, merged_points
 from windmark.pipeline.project import Project
 from windmark.pipeline.quantity import Quantity
@@ -18,6 +17,7 @@ from windmark.pipeline.wanted import groups
 from windmark.resection import MergedValues, MergedViews, NotMerged, Picture, PixelMap
 from windmark.scene import Mesh
 from windmark.scene.levels import missing_at
+from windmark.tasks.black import beside_black
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import numpy as np
 from windmark import detection, io
 from windmark.calibration import NotCalibrated
 from windmark.geometry import Camera
-from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.calibrate.read import MatchOptions, find_spots, read_image, read_pictures
 from windmark.pipeline.clock import Clock
 from windmark.scene import Detections
+from windmark.tasks.blur import spot_blur
 from windmark.tasks.calibrate import Board, BoardPicture, Calibrated, CalibrateSettings, calibrate_dots
 from windmark.tasks.calibrate.board import check_board
 from windmark.tasks.calibrate.marks import Taken

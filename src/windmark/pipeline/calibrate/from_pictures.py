@@ -8,10 +8,10 @@ from windmark import io
 from windmark.calibration import NotCalibrated
 from windmark.errors import UsageError, WindmarkError
 from windmark.geometry import Camera
-from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.calibrate.read import MatchOptions, find_spots, picture_names, read_image, read_pictures
 from windmark.pipeline.clock import Clock
 from windmark.scene import MarkerSet
+from windmark.tasks.blur import spot_blur
 from windmark.tasks.calibrate import Calibrated, CalibrateSettings, MatchedPicture, MatchSettings, calibrate_matching
 from windmark.tasks.calibrate.marks import Taken
 from windmark.tasks.labels import fixed_spots

@@ -13,7 +13,6 @@ from typing import Protocol
 from windmark import resection
 from windmark.io.errors import FileError
 from windmark.pipeline.deform.frames import instants_of, read_frame_table
-from windmark.pipeline.deform.hinges import exchanged_hinges
 from windmark.pipeline.deform.load import load
 from windmark.pipeline.deform.project import read_deform_project
 from windmark.pipeline.deform.wind_off import wind_off_frames
@@ -23,6 +22,7 @@ from windmark.pipeline.project import read_project
 from windmark.pipeline.psp import load_psp, read_psp_project
 from windmark.pipeline.verdict.table import hinge_words
 from windmark.scene import Mesh
+from windmark.tasks.deform.hinges import exchanged_hinges
 from windmark.tasks.psp.cuts import surface_of
 
 Vector = tuple[float, float, float]

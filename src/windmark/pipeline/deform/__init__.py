@@ -8,9 +8,9 @@ from windmark.pipeline.deform.project import Changes, DeformProject, read_deform
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.pipeline.deform.run import run_sequence
 from windmark.pipeline.deform.sequence import Sequence
-from windmark.pipeline.deform.zero import Zero
 from windmark.tasks.deform.memory import displaced
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, FrameImages, LookOptions, Station
+from windmark.tasks.deform.zero import Zero
 
 __all__ = [
     "Changes", "DeformProject", "DeformationTest", "DeformedFrame", "FrameImages", "FrameRecord", "Loaded",

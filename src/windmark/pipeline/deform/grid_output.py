@@ -14,8 +14,8 @@ from windmark.pipeline.deform.entries import OutputEntry
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.pipeline.deform.values import units
-from windmark.pipeline.deform.zero import Zero, displaced_since
 from windmark.tasks.deform.task import DeformedFrame
+from windmark.tasks.deform.zero import Zero, displaced_since
 
 Array = NDArray[np.float64]
 

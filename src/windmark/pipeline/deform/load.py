@@ -20,12 +20,12 @@ from windmark.pipeline.deform.imported import imported_files
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.grid import oriented, read_surface, sides_words, with_curvature
 from windmark.pipeline.lengths import Lengths
-from windmark.pipeline.likely_unit import likely_unit
 from windmark.pipeline.points import PointSet, lists_on_grid
 from windmark.pipeline.walls import wall_volumes, walls_note, without
 from windmark.scene import MarkerSet, Mesh
 from windmark.scene.units import spelt
 from windmark.tasks.deform.task import DeformationTest, LookOptions, Station
+from windmark.tasks.likely_unit import likely_unit
 from windmark.tasks.sight import sight
 
 Array = NDArray[np.float64]

@@ -27,10 +27,10 @@ from windmark.pipeline.deform.points import COLUMNS, FramePoints
 from windmark.pipeline.deform.record import FrameRecord
 from windmark.pipeline.deform.resume import Kept, named
 from windmark.pipeline.deform.series import series_content
-from windmark.pipeline.deform.zero import MOTION, Zero, displaced_since, motion_point
 from windmark.pipeline.resume import CHUNK, SeriesJournal, Stopped, replaced_file
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
 from windmark.tasks.deform.why import words_of
+from windmark.tasks.deform.zero import MOTION, Zero, displaced_since, motion_point
 
 Array = NDArray[np.float64]
 

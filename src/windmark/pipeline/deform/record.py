@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from windmark.deformation import Deformation, Stations, span_values
 from windmark.geometry import Pose
-from windmark.pipeline.deform.zero import Zero, motion_since
 from windmark.scene import MarkerSet
 from windmark.tasks.deform.task import DeformedFrame, Sight
+from windmark.tasks.deform.zero import Zero, motion_since
 
 Array = NDArray[np.float64]
 Pair = tuple[Array, Array]

@@ -36,10 +36,10 @@ from windmark.pipeline.deform.series import NOT_TRIED
 from windmark.pipeline.deform.timeline import Timeline
 from windmark.pipeline.deform.values import Mapper
 from windmark.pipeline.deform.wind_off import wind_off_frames, zeroed
-from windmark.pipeline.deform.zero import motion_point
 from windmark.pipeline.resume import Stopped, check_state, cut, read_stopped
 from windmark.pipeline.same_run import check_begun, check_pictures
 from windmark.tasks.deform.task import DeformedFrame, FrameImages
+from windmark.tasks.deform.zero import motion_point
 
 FEW_NAMED = 5
 """Files that a remark names."""

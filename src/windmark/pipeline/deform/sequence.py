@@ -13,7 +13,7 @@ from windmark.pipeline.deform.frames import FrameTable
 from windmark.pipeline.deform.pictured import Gallery
 from windmark.pipeline.deform.record import MISFIT, FrameRecord
 from windmark.pipeline.deform.values import Compared
-from windmark.pipeline.deform.zero import Zero
+from windmark.tasks.deform.zero import Zero
 
 Array = NDArray[np.float64]
 

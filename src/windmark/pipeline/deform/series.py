@@ -15,8 +15,8 @@ from windmark.pipeline.deform.frames import FrameTable
 from windmark.pipeline.deform.load import Loaded
 from windmark.pipeline.deform.names import number_of, stamp_ns
 from windmark.pipeline.deform.record import MISFIT, FrameRecord
-from windmark.pipeline.deform.zero import MOTION
 from windmark.pipeline.private_paths import without_folders
+from windmark.tasks.deform.zero import MOTION
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from windmark.pipeline.deform.names import key_of
 from windmark.pipeline.deform.pictures import follow_deformation, read
 from windmark.pipeline.deform.project import DeformProject
 from windmark.pipeline.deform.timeline import Timeline
-from windmark.pipeline.deform.zero import Zero, noise_share
-from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.scene import View
 from windmark.tasks.deform.states import identified_again
 from windmark.tasks.deform.task import DeformedFrame, FrameImages, Reader
+from windmark.tasks.deform.zero import Zero, noise_share
+from windmark.tasks.likely_unit import likely_unit, model_box
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from windmark.errors import g3
 from windmark.paint import before_start
-from windmark.pipeline.infrared.breaks import Break, breaks_of, unlike_heat
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.start import thick
 from windmark.pipeline.infrared.store import Store, every
-from windmark.pipeline.infrared.windows import frames_round, spread
+from windmark.tasks.infrared.breaks import Break, breaks_of, unlike_heat
+from windmark.tasks.infrared.windows import frames_round, spread
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from windmark.errors import g3
 from windmark.paint import before_start
-from windmark.pipeline.infrared.breaks import PART, SUDDEN, USUAL
 from windmark.pipeline.infrared.jumps import ASKED
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.store import Store
-from windmark.pipeline.infrared.windows import NORMAL, frames_round, size
+from windmark.tasks.infrared.breaks import PART, SUDDEN, USUAL
+from windmark.tasks.infrared.windows import NORMAL, frames_round, size
 
 Array = NDArray[np.float64]
 

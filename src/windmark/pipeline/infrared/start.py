@@ -11,8 +11,8 @@ from windmark.errors import g3
 from windmark.paint import Wall, before_start
 from windmark.pipeline.infrared.load import InfraredRun
 from windmark.pipeline.infrared.store import Store
-from windmark.pipeline.infrared.windows import size
 from windmark.tasks.infrared import merged_temperature
+from windmark.tasks.infrared.windows import size
 
 Array = NDArray[np.float64]
 

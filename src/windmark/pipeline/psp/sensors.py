@@ -17,7 +17,6 @@ from windmark.pipeline.deform.frames import files_of
 from windmark.pipeline.deform.pictures import read
 from windmark.pipeline.psp.bits import Bits, DarkLevel
 from windmark.pipeline.psp.entries import CAMERA
-from windmark.pipeline.psp.flats import clipped_part
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.psp.response import OddResponse, odd_response
 from windmark.pipeline.psp.table import PointRow
@@ -25,6 +24,7 @@ from windmark.pipeline.same_picture import content_of, first_of
 from windmark.pipeline.settings import existing
 from windmark.scene import Mesh
 from windmark.tasks.deform.task import Station
+from windmark.tasks.psp.flats import clipped_part
 
 Array = NDArray[np.float64]
 

@@ -14,12 +14,12 @@ from windmark import io
 from windmark.errors import WindmarkError
 from windmark.geometry import Camera, Pose
 from windmark.io.csvtable import Table
-from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.calibrate.from_pictures import LABEL_PX
 from windmark.pipeline.calibrate.read import MatchOptions, find_spots, read_image, read_pictures
 from windmark.pipeline.clock import Clock
 from windmark.pipeline.lengths import Lengths
 from windmark.scene import MarkerSet, View
+from windmark.tasks.blur import spot_blur
 from windmark.tasks.calibrate.marks import Taken
 from windmark.tasks.calibrate.picture import Picture
 from windmark.tasks.labels import Place, fixed_spots

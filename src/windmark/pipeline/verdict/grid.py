@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from windmark.errors import g2, g3
 from windmark.pipeline.alike import NAMED, listed
-from windmark.pipeline.likely_unit import likely_unit, model_box
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.resection.bodies import Unborne, unborne
@@ -20,6 +19,7 @@ from windmark.scene import MarkerSet, Mesh
 from windmark.scene.doubled import part_of, zone_of
 from windmark.scene.lone_nodes import LoneNode, lone_nodes, where
 from windmark.scene.units import spelt
+from windmark.tasks.likely_unit import likely_unit, model_box
 
 _STEP = "bring grid and table of markers into one frame, at one size: pictures are mapped to the grid where it stands"
 

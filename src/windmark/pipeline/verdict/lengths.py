@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from windmark.errors import g2, g3
 from windmark.pipeline import project_entries
 from windmark.pipeline.alike import listed
-from windmark.pipeline.likely_unit import Box, model_box
 from windmark.pipeline.psp import entries as psp
 from windmark.pipeline.psp.project import PspProject
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 from windmark.scene import Mesh
 from windmark.scene.units import IN_MM, either
+from windmark.tasks.likely_unit import Box, model_box
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from windmark.detection.fields import field_shift
 from windmark.detection.template.crlb import bound_factor
 from windmark.errors import g2
-from windmark.pipeline.blur import spot_blur
 from windmark.pipeline.verdict import rules
 from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding
 from windmark.scene import Detections
 from windmark.scene.levels import clipped_level
+from windmark.tasks.blur import spot_blur
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from windmark.deformation import Volumes
-from windmark.pipeline.deform.hinges import exchanged_hinges
 from windmark.pipeline.deform.record import FrameRecord
-from windmark.pipeline.likely_unit import likely_unit
 from windmark.pipeline.verdict.verdict import DOUBTFUL, Finding
 from windmark.scene import MarkerSet
 from windmark.scene.units import spelt
+from windmark.tasks.deform.hinges import exchanged_hinges
+from windmark.tasks.likely_unit import likely_unit
 
 
 def hinge_findings(markers: MarkerSet, volumes: Volumes) -> list[Finding]:

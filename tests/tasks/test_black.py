@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from windmark.geometry import Camera, Pose
-from windmark.pipeline.black import beside_black, black_pixels
 from windmark.pipeline.clock import silent
 from windmark.pipeline.mapping import map_image
 from windmark.pipeline.project import make_project
@@ -13,6 +12,7 @@ from windmark.pipeline.verdict.run import run_verdict
 from windmark.resection import noise_law
 from windmark.scene import Mesh, structured_triangles
 from windmark.synth.degrade import gaussian_blur
+from windmark.tasks.black import beside_black, black_pixels
 
 H, W = 90, 120
 Y, X = np.indices((H, W))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from windmark.pipeline.infrared.windows import frames_round, size, spread
+from windmark.tasks.infrared.windows import frames_round, size, spread
 
 Array = NDArray[np.float64]
 

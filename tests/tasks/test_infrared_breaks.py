@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from windmark.paint import Wall
-from windmark.pipeline.infrared.breaks import breaks_of
 from windmark.pipeline.infrared.jumps import jumps
 from windmark.pipeline.infrared.store import Store
+from windmark.tasks.infrared.breaks import breaks_of
 
 NODES, FRAMES = 800, 30
 
