@@ -122,6 +122,16 @@ def test_what_the_taps_do_not_tell_is_refused(p, x, kind, words):
     assert re.search(words, fit.reason), fit.reason
 
 
+@pytest.mark.parametrize(("spread", "told"), [(65.0, False), (80.0, True)])
+def test_a_slope_whose_interval_holds_none_is_refused(spread, told):
+    """Sigma of the slope 0.55 and 0.45 of it: 102 Pa over the root of the sum of eight squares."""
+    x = np.repeat([5e4 - spread, 5e4, 5e4 + spread], 4)
+    p = x + np.tile([60.0, -60.0, 60.0, -60.0], 3)
+    fit = in_situ([str(k) for k in range(12)], p, NodeField.make(x, 20.0), pressure_sigma=100.0)
+    assert bool(fit) is told
+    assert told or "its sigma is 55" in fit.reason
+
+
 def test_offset_alone_for_taps_without_spread():
     fit = in_situ(list("abcd"), [5.1e4, 5.11e4, 5.09e4, 5.1e4], NodeField.make([5e4, 5.01e4, 5e4, 5e4], 100.0),
                   pressure_sigma=100.0, free="offset")  # fmt: skip

@@ -230,6 +230,15 @@ def test_scatter_beyond_the_stated_variances_is_in_the_mean():
     assert np.std((got.value - true) / np.sqrt(got.variance)) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.parametrize(("count", "named"), [(2, False), (3, True)])
+def test_three_frames_tell_which_of_them_differs_and_two_do_not(count, named):
+    rng = np.random.default_rng(9)
+    v = 1000 + 200 * rng.random(400) + rng.normal(0, 1, (count, 400))
+    v[-1] += rng.normal(0, 30, 400)
+    got = average_frames(v, np.ones(v.shape))
+    assert np.flatnonzero(~got.used).tolist() == ([2] if named else [])
+
+
 def test_frames_that_all_differ_are_refused():
     v = np.ones((4, 50))
     v[1:] = np.nan

@@ -93,6 +93,16 @@ def test_pressure_has_the_errors_that_draws_show():
         "temperature", "wind-off temperature", "wind-off pressure", "calibration"}  # fmt: skip
 
 
+def test_pressure_is_relative_to_the_wind_off_state_that_is_given():
+    """Else to that of the calibration."""
+    law, p, t = paint(), np.array([40e3, 80e3, 120e3]), np.array([290.0, 295.0, 300.0])
+    temperature = NodeField.make(t, unit="K")
+    for off in ({"p_off": 8e4, "t_off": 292.0}, {}):
+        r = law.ratio(p, t) / law.ratio(off.get("p_off", law.p_ref), off.get("t_off", law.t_ref))
+        got = pressure_map(law, NodeField.make(r), temperature, **off).field
+        np.testing.assert_allclose(got.value, p, rtol=1e-9)
+
+
 def test_units_that_differ_are_refused():
     with pytest.raises(UsageError, match="degC, the calibration in K"):
         pressure_map(paint(), NodeField.make([1.0]), NodeField.make([20.0], unit="degC"))

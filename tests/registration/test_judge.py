@@ -1,6 +1,7 @@
 """The judge's questions one by one: one pair that holds the pose, the mirror image, solutions beside each other."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -247,6 +248,24 @@ def test_few_of_many_markers_confirm_what_the_others_see():
     assert best.counts[1] == 10
     assert best.state.numbers[1, EXPECTED] > 40
     assert blocked(best, 1) == ""
+
+
+@pytest.mark.parametrize(("counts", "expected", "words"), [
+    ([50, 5], [60, 6], ""),  # as many as elsewhere
+    ([50, 1], [60, 0], ""),  # it looks beside the model
+    ([0, 5], [0, 60], ""),  # nobody else sees it
+    ([50, 1], [60, 40], "1 of 40 markers among its 30 spots where the others see 50 of 60"),
+])  # fmt: skip
+def test_a_camera_is_blocked_that_sees_far_fewer_than_the_others(counts, expected, words):
+    numbers = np.zeros((2, 3))
+    numbers[:, EXPECTED] = expected
+    plane = SimpleNamespace(task=SimpleNamespace(xy=np.zeros((30, 2))))
+    best = SimpleNamespace(
+        views=SimpleNamespace(planes=(plane, plane)), counts=np.array(counts), scores=np.array([400.0, 15.0]),
+        state=SimpleNamespace(numbers=numbers), count=sum(counts), expected=float(sum(expected)),
+    )  # fmt: skip
+    said = blocked(best, 1)
+    assert words in said if words else said == ""
 
 
 # --- the answer ------------------------------------------------------------------------------------
