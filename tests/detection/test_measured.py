@@ -58,6 +58,17 @@ def assert_honest(radius, channel, trials):
 
 
 @pytest.mark.parametrize("channel", ["red", "green"])
+def test_means_of_neighbours_have_less_noise_than_what_was_measured(channel):
+    """Of white noise on the mosaic, in the colour that is interpolated: its share of the pixels and their variance."""
+    noise = np.random.default_rng(4).normal(0, 100, (400, 600)) + 2000
+    grey = io.from_mosaic(np.clip(np.rint(noise), 0, 65535).astype(np.uint16), "RGGB", channel=channel)
+    lattice = lattice_of(grey)
+    measured = lattice.pixels()
+    assert measured.mean() == lattice.share
+    assert grey.var() / grey[measured].var() == pytest.approx(lattice.scatter, rel=0.03)
+
+
+@pytest.mark.parametrize("channel", ["red", "green"])
 def test_sigmas_of_one_channel(channel):
     """98 discs: chance lets the ratio go off by 0.05 (1 sigma)."""
     assert_honest(5.0, channel, 2)
