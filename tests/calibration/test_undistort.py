@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import registration_scenes as scenes
 from scipy import ndimage
 from scipy.special import ndtr
 
 from windmark.calibration import corrected_camera, magnified_camera, magnify_distortion, redraw, undistort
 from windmark.geometry import Camera
+from windmark.geometry.camera import PARAMETERS
+from windmark.pipeline.verdict.undistorted import undistort_verdict
+from windmark.registration import register
+from windmark.scene import Detections
 
 LENS = Camera((320, 240), 300.0, 1.01, 161.3, 117.2, -0.15, 0.05, 2e-3, -1e-3)
 CUSHION = Camera((320, 240), 300.0, 1.0, 158.0, 121.0, 0.12, 0.0, 1e-3, 0.0, tilt_x=0.02)
@@ -185,6 +192,58 @@ def test_redraw_for_a_smaller_camera():
     assert part.valid.all()
     error = part.image - texture(grid(target) + np.array([161.3 - 50, 117.2 - 40]))
     assert np.sqrt(np.mean(error**2)) < 1
+
+
+def variances(**sigma):
+    return np.diag([sigma.get(name, 0.0) ** 2 for name in PARAMETERS])
+
+
+@pytest.mark.parametrize("keep", ["size", "all"])
+@pytest.mark.parametrize("camera", [
+    replace(LENS, cov=variances(focal_px=2, cx=1, cy=0.7, k1=2e-3, k2=1e-3, p1=1e-4)),
+    replace(CUSHION, cov=variances(focal_px=1, aspect=1e-4, cx=0.5, cy=0.5, k1=3e-3, tilt_x=1e-3, tilt_y=1e-3)),
+    Camera((320, 240), 210.0, k1=-0.02, lens="fisheye", cov=variances(focal_px=1, cx=0.5, cy=0.5, k1=2e-3, k4=1e-4)),
+], ids=["barrel", "cushion, tilted", "fisheye"])  # fmt: skip
+def test_what_is_not_known_of_the_lens_is_in_the_camera_of_the_corrected_image(camera, keep):
+    """Places of directions that lenses drawn from the covariance image, corrected by the given one, scatter so."""
+    target, rng = corrected_camera(camera, keep=keep), np.random.default_rng(5)
+    rays = target.unproject(np.array([[30.0, 40.0], [161.0, 117.0], [290.0, 60.0], [100.0, 215.0]]))
+    root, drawn = np.sqrt(np.diag(camera.cov)), []
+    for _ in range(1500):
+        real = camera.with_parameters(camera.parameters() + root * rng.normal(size=len(root)))
+        drawn.append(target.project(camera.unproject(real.project(rays)[0]))[0])
+    scatter = np.var(np.array(drawn), axis=0)
+    jacobian = target.project_jacobian(rays)[3]
+    said = np.einsum("kij,jl,kil->ki", jacobian, target.cov, jacobian)
+    np.testing.assert_allclose(said, scatter, rtol=5 * np.sqrt(2 / 1500), atol=1e-4)
+    assert corrected_camera(replace(camera, cov=None), keep=keep).cov is None
+
+
+def test_a_pose_in_a_corrected_picture_is_as_certain_as_in_the_one_that_was_taken():
+    """The principal point known to 2 px: the sigma of the pose was that of the spots alone."""
+    cov = variances(focal_px=8, cx=2, cy=2, k1=4e-3)
+    plain = scenes.scene(11, "B", noise_px=0.05, hidden=0.0, false=0.0)
+    lens = replace(plain.camera, k1=-0.1, k2=0.02, cov=cov)
+    on = plain.label >= 0
+    raw = lens.project(plain.cam_from_model.apply(plain.markers.xyz[plain.label[on]]))[0]
+    raw += np.random.default_rng(1).normal(0, 0.05, raw.shape)
+    target = corrected_camera(lens)
+    found = []
+    for xy, camera in ((raw, lens), (target.project(lens.unproject(raw))[0], target)):
+        found.append(register(Detections.make(xy, sigma_px=0.05), plain.markers, camera))
+        assert found[-1], found[-1].reason
+    taken, corrected = (np.sqrt(np.diag(f.cov)[:6]) for f in found)
+    np.testing.assert_allclose(corrected, taken, rtol=0.1)
+
+
+def test_a_flat_picture_ends_before_ninety_degrees():
+    for focal_px, words in ((110.0, "at 90 degrees and more"), (128.5, "more than 100 times the original's")):
+        wide = Camera((320, 240), focal_px, lens="fisheye")
+        with pytest.raises(ValueError, match=words):
+            corrected_camera(wide, keep="all")
+        assert corrected_camera(wide).size_px == (320, 240)
+    said = undistort_verdict(wide, corrected_camera(wide), 1, {}).reason
+    assert "48 % of what was taken lies beyond the corrected picture" in said
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from windmark.calibration import redraw
 from windmark.errors import g2
 from windmark.geometry import Camera
 from windmark.pipeline.verdict import Verdict
-from windmark.pipeline.verdict.undistorted import lens_displacement
+from windmark.pipeline.verdict.undistorted import drawn, lens_displacement
 
 DRAWN = 12
 """Pictures that are shown before and after; the others are files beside the page."""
@@ -52,9 +52,9 @@ class Undone:
 
     @property
     def moved_px(self) -> NDArray[np.float64]:
-        """How far the lens moves places all over the picture, where it has an inverse."""
+        """How far the lens moves places all over the picture, where it has an inverse and they are drawn."""
         moved = lens_displacement(self.camera)
-        return moved[np.isfinite(moved)]
+        return moved[np.isfinite(moved) & drawn(self.camera, self.target)]
 
     @property
     def bends(self) -> bool:

@@ -75,7 +75,7 @@ def undistort(images: list[Path], camera_file: Path, wishes: Wishes, as_json: bo
         io.write_camera(place / "camera.json", target, pose, unit=content.length_unit, pose_cov=pose_cov)
         shown = [path for path in images if path.name in written]
         _draw(shown, camera, camera_file.name, place, wishes, failed)
-        verdict = undistort_verdict(camera, len(written), lost.why)
+        verdict = undistort_verdict(camera, target, len(written), lost.why)
         show("draw the report")
         said = _said(content, camera_file.name)
         done = Undone(camera, target, written, lost.why, float(valid.mean()), said)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.calibration.corrected_cov import corrected_cov
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera
 from windmark.geometry.rays import pixel_rays
@@ -18,6 +19,9 @@ Mask = NDArray[np.bool_]
 KEEP = ("size", "all", "filled")
 """Which part of the corrected image is kept; see `corrected_camera`."""
 
+MOST = 100
+"""Times as many pixels as the original's that a corrected image may have: its border is ten times as long."""
+
 _ROWS = 128  # rows of rays held at a time, so that memory stays that of the images
 
 
@@ -28,7 +32,7 @@ class CorrectedImage:
     Parameters
     ----------
     image : (H, W) or (H, W, C), in the type of the original; 0, or NaN in floating point, where not valid
-    camera : the camera that it fits; it has no covariance
+    camera : the camera that it fits; with what is left of the original's covariance, see `corrected_cov`
     valid : (H, W) bool, where the original image has a value
     """
 
@@ -103,6 +107,8 @@ def magnify_distortion(image: ArrayLike, camera: Camera, factor: float) -> Corre
 def corrected_camera(camera: Camera, *, keep: str = "size") -> Camera:
     """The perfect camera (no distortion, shear, tilt) with the same focal length, aspect and direction.
 
+    Where the original has a covariance, it has one, too (`corrected_cov`): errors of the lens are still in the picture.
+
     Parameters
     ----------
     camera : with its lens
@@ -119,10 +125,12 @@ def corrected_camera(camera: Camera, *, keep: str = "size") -> Camera:
         raise UsageError(f"corrected_camera: keep must be one of {', '.join(KEEP)}, got {keep!r}")
     plain = Camera(camera.size_px, camera.focal_px, camera.aspect, camera.cx, camera.cy)
     if keep == "size":
-        return plain
+        return replace(plain, cov=corrected_cov(camera, plain))
     left, top, right, bottom = (plain.project(camera.unproject(side))[0] for side in _border(camera.size_px))
     if not all(np.isfinite(side).all() for side in (left, top, right, bottom)):
-        raise DataError("corrected_camera: the lens has no inverse on the image's border; expected keep='size'")
+        wide = "; directions at 90 degrees and more from its axis have no place in a flat picture"
+        why = wide if camera.lens == "fisheye" else ""
+        raise DataError(f"corrected_camera: the lens has no inverse on the image's border{why}; expected keep='size'")
     if keep == "all":
         everything = np.concatenate([left, top, right, bottom])
         first, last = np.floor(everything.min(axis=0) + 0.5), np.ceil(everything.max(axis=0) - 0.5)
@@ -132,7 +140,13 @@ def corrected_camera(camera: Camera, *, keep: str = "size") -> Camera:
     size = last - first + 1
     if (size < 1).any():
         raise DataError("corrected_camera: no part of the corrected image is filled; expected keep='size' or 'all'")
-    return replace(plain, size_px=(int(size[0]), int(size[1])), cx=camera.cx - first[0], cy=camera.cy - first[1])
+    if size.prod() > MOST * np.prod(camera.size_px):
+        raise DataError(
+            f"corrected_camera: the corrected image would have {size[0]:.0f} x {size[1]:.0f} px, more than {MOST} "
+            "times the original's: it goes on to nearly 90 degrees from the axis; expected keep='size'"
+        )
+    cut = replace(plain, size_px=(int(size[0]), int(size[1])), cx=camera.cx - first[0], cy=camera.cy - first[1])
+    return replace(cut, cov=corrected_cov(camera, cut))
 
 
 def magnified_camera(camera: Camera, factor: float) -> Camera:
@@ -167,7 +181,8 @@ def redraw(image: ArrayLike, camera: Camera, target: Camera) -> CorrectedImage:
         _kernels.redraw_rows(spline, unknown, packed, pixel_rays(target, first, len(part)), part)
     valid = np.isfinite(out[..., 0])
     picture = _as_type(out, valid, pixels.dtype)
-    return CorrectedImage(picture[..., 0] if pixels.ndim == 2 else picture, replace(target, cov=None), valid)
+    cov = target.cov if target.cov is not None else corrected_cov(camera, target)
+    return CorrectedImage(picture[..., 0] if pixels.ndim == 2 else picture, replace(target, cov=cov), valid)
 
 
 def _spline(channels: NDArray[np.generic]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

@@ -90,8 +90,9 @@ def write_australis(path: Pathlike, camera: Camera, pixel_mm: tuple[float, float
     except WindmarkError as error:
         raise DataError(f"write_camera: {error}") from error
     if not refit.rms_px <= REFIT_RMS_PX:
+        tilts = " (sensor tilts do not fit it)" if camera.tilt_x or camera.tilt_y else ""
         what = f"the backward model K1 K2 K3 P1 P2 B1 B2 is off: {refit}"
-        raise DataError(f"write_camera: {what}; expected at most {REFIT_RMS_PX} px RMS (sensor tilts do not fit it)")
+        raise DataError(f"write_camera: {what}; expected at most {REFIT_RMS_PX} px RMS{tilts}")
     lines = [f"# Backward lens model in mm, y up; refitted: {refit}"]
     lines += [f"{key:<8}{side}" for key, side in zip(("width", "height"), camera.size_px, strict=True)]
     lines += [f"{key:<8}{pitch!r} mm" for key, pitch in zip(("pixel_x", "pixel_y"), pixel_mm, strict=True)]

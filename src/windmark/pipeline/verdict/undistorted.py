@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from windmark.calibration import corrected_camera
 from windmark.errors import g2
@@ -14,14 +15,16 @@ from windmark.pipeline.verdict.verdict import BAD, DOUBTFUL, Finding, Verdict
 
 _SIDE = 101
 """Places along each side of the picture at which the lens is tried."""
+SAID = 0.01
+"""Part of the picture beyond the corrected one that is told."""
 
 
-def undistort_verdict(camera: Camera, count: int, unread: Mapping[str, str]) -> Verdict:
+def undistort_verdict(camera: Camera, target: Camera, count: int, unread: Mapping[str, str]) -> Verdict:
     """Judge corrected pictures.
 
     Parameters
     ----------
-    camera : whose lens was undone
+    camera, target : whose lens was undone, and that of the corrected pictures
     count : pictures that were corrected
     unread : those that were not, and why
     """
@@ -31,10 +34,15 @@ def undistort_verdict(camera: Camera, count: int, unread: Mapping[str, str]) -> 
         found.append(Finding(BAD, cause, why, step, name))
     moved = lens_displacement(camera)
     found += _lens(camera, moved)
+    # Towards 90 degrees a flat picture has no end: what a wide lens does is told where the picture is.
+    moved = np.where(drawn(camera, target), moved, np.nan)
     pictures = "the picture has" if count == 1 else f"{count} pictures have"
+    said = f"{pictures} no distortion any more, which was {g2(np.nanmax(moved))} px at most"
+    if (left_out := float((~drawn(camera, target, cells=True)).mean())) > SAID:
+        said += f"; {g2(100 * left_out)} % of what was taken lies beyond the corrected picture"
     return Verdict.of(
-        found, count + len(unread), f"{pictures} no distortion any more, which was {g2(np.nanmax(moved))} px at most",
-        "use camera.json with them; valid.png says which pixels have a value", what="pictures",
+        found, count + len(unread), said, "use camera.json with them; valid.png says which pixels have a value",
+        what="pictures",
     )  # fmt: skip
 
 
@@ -54,8 +62,18 @@ def _lens(camera: Camera, moved: np.ndarray) -> list[Finding]:
 
 def lens_displacement(camera: Camera) -> np.ndarray:
     """How far the lens moves places all over the picture, in pixels; NaN where it has no inverse."""
-    width, height = camera.size_px
-    x, y = np.meshgrid(np.linspace(-0.5, width - 0.5, _SIDE), np.linspace(-0.5, height - 0.5, _SIDE))
-    xy = np.stack([x, y], axis=-1).reshape(-1, 2)
+    xy = _places(camera)
     ideal, _ = corrected_camera(camera).project(camera.unproject(xy))
     return np.asarray(np.linalg.norm(xy - ideal, axis=1))
+
+
+def drawn(camera: Camera, target: Camera, *, cells: bool = False) -> NDArray[np.bool_]:
+    """Whether the same places of the picture, or the middles of as many equal cells, are in that of the target."""
+    ideal, _ = target.project(camera.unproject(_places(camera, cells)))
+    return target.in_image(ideal)
+
+
+def _places(camera: Camera, cells: bool = False) -> NDArray[np.float64]:
+    part = (np.arange(_SIDE) + 0.5) / _SIDE if cells else np.linspace(0.0, 1.0, _SIDE)
+    x, y = np.meshgrid(*(part * side - 0.5 for side in camera.size_px))
+    return np.stack([x, y], axis=-1).reshape(-1, 2)

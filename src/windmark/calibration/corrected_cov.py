@@ -1,0 +1,52 @@
+"""The covariance of a corrected camera: what is not known of a lens is still in the pictures that it was undone in."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.geometry import Camera
+from windmark.geometry.camera import LENS_PARAMETERS, PARAMETERS
+
+Array = NDArray[np.float64]
+
+_SIDE = 25
+"""Places along each side of the corrected picture at which the two cameras are held beside each other."""
+_FITTED = [PARAMETERS.index(name) for name in LENS_PARAMETERS["brown"] if not name.startswith("tilt")]
+"""Tilts do what the principal point and p1, p2 do, to first order."""
+_SAME = 1e-8
+"""Of the largest singular value of columns of one length: directions that do nothing in this picture."""
+
+
+def corrected_cov(camera: Camera, target: Camera) -> Array | None:
+    """The covariance (15, 15) of a camera in whose pictures the lens of another one was undone; None where it has none.
+
+    A direction n is imaged at L(n, theta + d), is taken for L^-1(L(n, theta + d), theta), and drawn there by the
+    target T: to first order dT/dn (dL/dn)^-1 dL/dtheta d away from its place. These displacements, all over the
+    corrected picture, are those of some d' of the target's own parameters, dT/dphi d' = (...) d, by least squares:
+    d' = M d, and the covariance is M cov M^T. So it has a variance for a distortion that the target has not.
+
+    Parameters
+    ----------
+    camera : with its lens and covariance
+    target : without distortion, or with another one, seen from the same place in the same direction
+    """
+    if camera.cov is None:
+        return None
+    width, height = target.size_px
+    x, y = np.meshgrid(np.linspace(-0.5, width - 0.5, _SIDE), np.linspace(-0.5, height - 0.5, _SIDE))
+    rays = target.unproject(np.stack([x, y], axis=-1).reshape(-1, 2))
+    rays = rays[np.isfinite(rays).all(axis=1)]
+    seen, valid = camera.project(rays)
+    rays = rays[valid & camera.in_image(seen)]
+    if len(rays) < len(_FITTED):  # next to nothing of it is shown
+        return None
+    _, _, by_ray, by_own = camera.project_jacobian(rays)
+    _, _, target_by_ray, by_target = target.project_jacobian(rays)
+    moved = target_by_ray[..., :2] @ np.linalg.solve(by_ray[..., :2], by_own)
+    columns = by_target[..., _FITTED].reshape(-1, len(_FITTED))
+    size = np.linalg.norm(columns, axis=0)
+    onto = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    onto[_FITTED] = np.linalg.lstsq(columns / size, moved.reshape(-1, len(PARAMETERS)), rcond=_SAME)[0] / size[:, None]
+    cov = onto @ camera.cov @ onto.T
+    return np.asarray(0.5 * (cov + cov.T))
