@@ -35,13 +35,11 @@ def _value(g: Any, y: int, x: int, smooth: bool) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def _surface(g: Any, cy: int, cx: int, distance: float, ring: Any) -> float:
-    """Median of the pixels on a circle; NaN where fewer than half of them are there."""
+def _surface(g: Any, cy: int, cx: int, circle: Any, ring: Any) -> float:
+    """Median of the pixels on a circle (RING, 2) of offsets; NaN where fewer than half of them are there."""
     n = 0
     for k in range(RING):
-        t = 2.0 * math.pi * k / RING
-        u, w = math.floor(distance * math.cos(t) + 0.5), math.floor(distance * math.sin(t) + 0.5)
-        v = _value(g, cy + w, cx + u, False)
+        v = _value(g, cy + circle[k, 1], cx + circle[k, 0], False)
         if v == v:
             ring[n] = v
             n += 1
@@ -200,8 +198,10 @@ def disc_match(g: Any, x: float, y: float, shape: Any, out: Any) -> None:
 
 
 @nb.njit(cache=True, nogil=True)
-def region_at(g: Any, x0: int, y0: int, r0: float, noise: float, mask: Any, stack: Any, work: Any, out: Any) -> None:
-    """Measure what is at a pixel, see `regions`."""
+def region_at(
+    g: Any, x0: int, y0: int, r0: float, noise: float, circle: Any, mask: Any, stack: Any, work: Any, out: Any
+) -> None:  # fmt: skip
+    """Measure what is at a pixel, see `regions`; `circle` of `_surface`."""
     half = mask.shape[0] // 2
     s, ring = work[:10], work[10 : 10 + RING]
     out[:] = math.nan
@@ -212,7 +212,7 @@ def region_at(g: Any, x0: int, y0: int, r0: float, noise: float, mask: Any, stac
             value = _value(g, y0 + j, x0 + i, True)
             if value < low - tie:
                 low, cx, cy = value, x0 + i, y0 + j
-    top = _surface(g, cy, cx, 2.0 * r0, ring)
+    top = _surface(g, cy, cx, circle, ring)
     if not top - low > 0.0:
         return
     smooth = noise > SOFT * (top - low)
@@ -257,9 +257,14 @@ def regions(g: Any, start: Any, r0: float, noise: Any) -> Any:
     size = 2 * half + 1
     mask, stack = np.zeros((size, size), np.uint8), np.empty(size * size, np.int64)
     work, shape, out = np.empty(10 + RING), np.empty(3), np.empty((start.shape[0], 12))
+    circle = np.empty((RING, 2), np.int64)
+    for k in range(RING):
+        t = 2.0 * math.pi * k / RING
+        circle[k, 0] = math.floor(2.0 * r0 * math.cos(t) + 0.5)
+        circle[k, 1] = math.floor(2.0 * r0 * math.sin(t) + 0.5)
     for k in range(start.shape[0]):
         row = out[k]
-        region_at(g, int(start[k, 0]), int(start[k, 1]), r0, noise[k], mask, stack, work, row)
+        region_at(g, int(start[k, 0]), int(start[k, 1]), r0, noise[k], circle, mask, stack, work, row)
         if row[11] == WHOLE:
             ellipse_of(row[2], row[3], row[4], row[5], shape)
             disc_match(g, row[0], row[1], shape, row[6:10])
