@@ -33,6 +33,7 @@ from windmark.deformation import (
     with_parameters,
 )
 from windmark.deformation.laws import Beam, Hinge, Rigid, Smooth
+from windmark.deformation.turned import rotated, turns
 from windmark.geometry import Pose, imaged_ellipse
 from windmark.scene import MarkerSet, Mesh, Observations
 
@@ -395,12 +396,17 @@ def test_discs_eccentricity_is_taken_off():
         MARKERS.name, MARKERS.xyz, radius=8.0, normal=normal, volume=MARKERS.volume, role=MARKERS.role
     )
     spots = observed(seen())
-    place = MOTION.apply(VOLUMES.bind(MARKERS.xyz, np.where(WALL, "", MARKERS.volume)).place(Q))
+    volume = np.where(WALL, "", MARKERS.volume)
+    place = MOTION.apply(VOLUMES.bind(MARKERS.xyz, volume).place(Q))
+    # Two lines in the surface go where the laws take them: a disc's normal stays upright on it.
+    lines = [np.broadcast_to([1.0, 0.0, 0.0], normal.shape), np.cross(normal, [1.0, 0.0, 0.0])]
+    moved = [VOLUMES.bind(MARKERS.xyz + 0.01 * line, volume).place(Q) - MOTION.inverse().apply(place) for line in lines]
+    bent = np.cross(*moved)
     xy = spots.xy.copy()
     for k, v in enumerate(VIEWS):
         own = spots.view == k
         p = spots.point[own]
-        turned = MOTION.rotate(set_of.normal[p])
+        turned = MOTION.rotate(bent[p] / np.linalg.norm(bent[p], axis=1, keepdims=True))
         pose = v.cam_from_model
         xy[own] = imaged_ellipse(CAMERA, pose.apply(place[p]), pose.rotate(turned), set_of.radius[p]).xy
     found = identify(replace(spots, xy=xy), set_of, PARTS, CAMERAS, VIEWS)
@@ -420,7 +426,8 @@ def _off_at(state, spots, set_of):
     """(O, 2) eccentricity of the discs in a state."""
     place = state.tunnel_from_model.apply(state.placed.place(state.q))
     place[WALL] = set_of.xyz[WALL]
-    turned = np.where(WALL[:, None], set_of.normal, state.tunnel_from_model.rotate(set_of.normal))
+    bent = rotated(turns(state.placed, state.q, set_of.normal), set_of.normal)
+    turned = np.where(WALL[:, None], set_of.normal, state.tunnel_from_model.rotate(bent))
     out = np.empty((len(spots), 2))
     for k, v in enumerate(VIEWS):
         own, pose = spots.view == k, v.cam_from_model

@@ -31,7 +31,7 @@ def test_a_single_row_that_jumped_far_and_is_known_by_one_spot_is_in_doubt_with_
     frames = followed(image(0.0, row), image(80.0, np.vstack([row[1:], screw])), test=test)
     (doubt,) = frames[1].state.doubts
     assert "panel may be set otherwise: with panel.s = 80" in str(doubt) or "in place of panel.s = 80" in str(doubt)
-    assert "only one of its markers in view has no spot" in str(doubt)
+    assert "its markers come onto just one spot fewer" in str(doubt)
 
 
 def test_a_first_frame_with_a_part_that_is_set_otherwise_is_found_where_its_markers_are():

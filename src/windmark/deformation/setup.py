@@ -22,6 +22,7 @@ from windmark.deformation.sighting import (
     pose_block,
     whiteners,
 )
+from windmark.deformation.turned import rotated, turns
 from windmark.deformation.volumes import Placed, Volumes
 from windmark.errors import UsageError
 from windmark.geometry import Camera, Pose, imaged_ellipse
@@ -147,9 +148,9 @@ class Task:
             return out
         motion: Pose = values[MOTION]
         place = self.tunnel_place(values)
-        form = self.markers.curvature
-        now = np.where(self.wall[:, None], normal, motion.rotate(normal))
-        bent = np.where(self.wall[:, None, None], form, motion.rotate_form(form))
+        form, turned = self.markers.curvature, turns(self.placed, values[LAW], normal)
+        now = np.where(self.wall[:, None], normal, motion.rotate(rotated(turned, normal)))
+        bent = np.where(self.wall[:, None, None], form, motion.rotate_form(rotated(turned, form)))
         for v, view in enumerate(self.views):
             own = np.flatnonzero((self.observations.view == v) & disc[self.observations.point])
             rows, pose = self.observations.point[own], values[pose_block(view.name)]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from windmark.deformation import Deformation
 from windmark.deformation.ends import tried
 from windmark.deformation.sighting import in_tunnel
+from windmark.deformation.turned import rotated, turns
 from windmark.geometry import Pose
 from windmark.scene import MarkerSet
 from windmark.tasks.deform.spots import Labelled
@@ -41,16 +42,18 @@ class Memory:
 
 
 def displaced(markers: MarkerSet, state: Deformation) -> MarkerSet:
-    """All markers where they are now, in the tunnel; the walls stand still. Normals follow the rigid motion.
+    """All markers where they are now, in the tunnel; the walls stand still. Normals go along.
 
     ``markers`` are those that the state was identified with, which it holds bound to their laws.
     """
     wall = markers.role == "wall"
     place, motion = state.placed.linearise(state.q)[0], state.tunnel_from_model  # of use again in `identify`
+    turned = turns(state.placed, state.q, markers.normal)
+    normal, form = rotated(turned, markers.normal), rotated(turned, markers.curvature)
     return replace(
         markers, xyz=in_tunnel(place, wall, motion),
-        normal=np.where(wall[:, None], markers.normal, motion.rotate(markers.normal)),
-        curvature=np.where(wall[:, None, None], markers.curvature, motion.rotate_form(markers.curvature)),
+        normal=np.where(wall[:, None], markers.normal, motion.rotate(normal)),
+        curvature=np.where(wall[:, None, None], markers.curvature, motion.rotate_form(form)),
     )  # fmt: skip
 
 

@@ -142,7 +142,7 @@ class Whereabouts:
     ----------
     part : it
     q : (K,) parameters of all laws
-    or_q : ... of another place, at which one marker fewer has a spot; None if it is clear
+    or_q : ... of another place, at which its markers come onto one spot fewer; None if it is clear
     """
 
     part: Part
@@ -155,8 +155,8 @@ class Whereabouts:
             return ()
         other = self.part.values(replace(state, q=self.or_q))
         return (Doubt((self.part.name,), (
-            f"{{}} may be set otherwise: with {other} in place of {self.part.values(state)} only one of its markers in "
-            "view has no spot; see in the pictures which of its markers are at its ends"
+            f"{{}} may be set otherwise: with {other} in place of {self.part.values(state)} its markers come onto just "
+            "one spot fewer; see in the pictures which of its markers are at its ends"
         ), "layout"),)  # fmt: skip
 
 

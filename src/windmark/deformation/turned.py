@@ -1,0 +1,76 @@
+"""How laws turn the surface where its markers are: a disc on a flap is seen as obliquely as the flap stands.
+
+A law says where points of the surface go. What it does to points beside the surface is often nothing that means much (a
+hinge may be written for a plane), so a normal goes along by two lines in the surface and not as a line of its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from windmark.deformation.law import LawError
+from windmark.deformation.volumes import REACH, Placed
+
+Array = NDArray[np.float64]
+
+
+def turns(placed: Placed, q: Array, normal: Array) -> Array:
+    """Rotations (N, 3, 3) of the surface at bound points, in the model's frame; none where no normal is known.
+
+    None, too, where a law has no place for points right beside a marker.
+
+    Parameters
+    ----------
+    placed : the points
+    q : (K,) parameters of all laws
+    normal : (N, 3) of the undeformed surface; NaN where unknown
+    """
+    out = np.tile(np.eye(3), (len(placed.xyz), 1, 1))
+    with_law = [index for index, chain in placed.groups if chain.own is not None or chain.above]
+    index = np.concatenate([np.zeros(0, np.int64), *with_law])
+    index = index[np.isfinite(normal[index]).all(axis=1)]
+    if not len(index):
+        return out
+    before = _frames(normal[index])
+    reach = REACH * max(float(np.ptp(placed.xyz[index], axis=0).max()), float(np.abs(placed.xyz[index]).max()), 1e-9)
+    beside = np.concatenate([placed.xyz[index] + reach * before[..., k] for k in (0, 1)])
+    tips = placed.volumes.bind(beside, np.tile(placed.names[index], 2))
+    try:
+        moved = tips.place(q)
+    except LawError:
+        return out
+    here = placed.place(q)[index]
+    after = _carried(moved[: len(index)] - here, moved[len(index) :] - here)
+    good = np.isfinite(after).all(axis=(1, 2))
+    out[index[good]] = (after @ np.swapaxes(before, 1, 2))[good]
+    return out
+
+
+def rotated(turned: Array, value: Array) -> Array:
+    """Normals (N, 3) or curvatures (N, 3, 3) that rotations (N, 3, 3) take along."""
+    if value.ndim == 2:
+        return np.asarray((turned @ value[..., None])[..., 0])
+    return np.asarray(turned @ value @ np.swapaxes(turned, 1, 2))
+
+
+def _frames(normal: Array) -> Array:
+    """(N, 3, 3) axes as columns: two in the surface, then its unit normal."""
+    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    beside = np.where(np.abs(normal[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    first = np.cross(normal, beside)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normal, first), normal], axis=-1)
+
+
+def _carried(first: Array, second: Array) -> Array:
+    """(N, 3, 3) axes as of `_frames` whose lines in the surface became ``first`` and ``second`` (N, 3); NaN for none.
+
+    Both lines count alike: a shear turns one of them as far as the other one, the other way.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal = np.cross(first, second)
+        first, second, normal = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (first, second, normal))
+        first = first + np.cross(second, normal)
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normal, first), normal], axis=-1)
