@@ -168,6 +168,7 @@ class Placed:
     names : (N,) their volumes
     groups : index and chain of laws of every volume that has any of the points
     beyond : parameters that the laws had no place for lately, at most one, see `ends`
+    beside : places beside the points that are asked for how laws turn them, at most once, see `turned`
     """
 
     volumes: Volumes
@@ -175,6 +176,7 @@ class Placed:
     names: Texts
     groups: tuple[tuple[NDArray[np.int64], _Chain], ...]
     beyond: list[Array] = field(default_factory=list, repr=False)
+    beside: list[Any] = field(default_factory=list, repr=False)
     _last: list[tuple[bytes, Array, Array]] = field(default_factory=list, repr=False)  # at most one, swapped as a whole
 
     def __reduce__(self) -> tuple[Any, ...]:
