@@ -102,7 +102,7 @@ def _figures(page: Report, done: Undone) -> None:
     width, height = done.target.size_px
     rows: list[tuple[str, object]] = [("pictures corrected", len(done.written)), ("left out", len(done.left_out))]
     rows += [("the lens moves a place by at most, px", g2(known.max())),
-             ("by root mean square over the sensor, px", g2(np.sqrt(np.mean(known**2))))]  # fmt: skip
+             ("by root mean square over what is drawn, px", g2(np.sqrt(np.mean(known**2))))]  # fmt: skip
     rows += [("size of the corrected pictures, px", f"{width} x {height}"),
              ("of them filled, %", f"{100 * done.filled:.1f}")]  # fmt: skip
     page.table(["", "value"], rows)
