@@ -11,6 +11,7 @@ from windmark.deformation import Volume, Volumes, law
 from windmark.geometry import Pose
 from windmark.pipeline.deform import DeformationTest, Station
 from windmark.registration import NotRegistered
+from windmark.scene import MarkerSet
 from windmark.tasks.deform import cold
 from windmark.tasks.deform.cold import anywhere, reasons
 from windmark.tasks.deform.spots import Labelled
@@ -174,6 +175,20 @@ def test_a_part_is_looked_for_where_its_law_starts(pool):
         assert len(np.intersect1d(of_start[name].marker, there)) >= len(there) - 1 > 2
         assert not np.intersect1d(of_table[name].marker, there).size
         assert wrong(of_start[name], view) == 0
+
+
+def test_normals_are_turned_by_a_law_that_is_written_for_a_plane():
+    """What is beside the plane it does not turn: a line along the normal stayed as it was."""
+    xyz, up = [[0.0, 10, 0], [5, 30, 0], [9, 20, 0]], [[0.0, 0, 1]] * 3
+    table = MarkerSet.make(["a", "b", "c"], xyz, normal=up, volume="flap")
+
+    def planar(x, angle):
+        a = np.radians(angle)
+        return np.c_[x[:, 0], x[:, 1] * np.cos(a), x[:, 2] + x[:, 1] * np.sin(a)]
+
+    laws = Volumes.of([Volume("flap", law(angle={"unit": "deg", "start": 60.0})(planar))])
+    test = replace(made_of(scenes.rig_scene(520, "A", 1)), markers=table, volumes=laws)
+    assert cold.at_start(test).normal == pytest.approx(np.tile([0, -np.sin(np.pi / 3), 0.5], (3, 1)), abs=1e-6)
 
 
 def test_markers_at_rest_are_the_tests_own():

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.deformation.turned import rotated, turns
 from windmark.geometry import Camera, Pose
 from windmark.registration import NotRegistered, Registration, RigRegistration, register
 from windmark.scene import Detections, MarkerSet
@@ -22,9 +23,6 @@ Ints = NDArray[np.int64]
 
 STILL = 1e-9
 """Of the markers' extent: what rounding moves them by where the laws are at rest."""
-SHORT = 1e-3
-"""Of the markers' extent: length of a line that tells how a law turns a normal."""
-
 
 Pairs = tuple[Ints, Ints, int]
 """Spots, their markers, and how many were expected."""
@@ -145,12 +143,9 @@ def at_start(test: DeformationTest) -> MarkerSet:
     moved = np.linalg.norm(xyz - markers.xyz, axis=1) > STILL * size
     if not moved.any():
         return markers
-    # A normal goes along as a line of the part does.
-    tips = np.where(np.isfinite(markers.normal), markers.xyz + SHORT * size * markers.normal, markers.xyz)
-    line = test.volumes.bind(tips, placed.names).place(test.volumes.start) - xyz
-    normal = np.where(moved[:, None], line / (SHORT * size), markers.normal)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return replace(markers, xyz=xyz, normal=np.divide(normal, length, out=markers.normal.copy(), where=length > 0))
+    turned = turns(placed, test.volumes.start, markers.normal)
+    normal, form = rotated(turned, markers.normal), rotated(turned, markers.curvature)
+    return replace(markers, xyz=xyz, normal=normal, curvature=form)
 
 
 def _model(

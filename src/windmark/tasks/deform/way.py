@@ -11,6 +11,7 @@ from scipy.special import pdtrc
 
 from windmark.deformation import Deformation
 from windmark.deformation.law import LawError
+from windmark.deformation.turned import rotated, turns
 from windmark.deformation.volumes import Placed
 from windmark.geometry import Camera, Pose
 from windmark.tasks.deform.task import DeformationTest
@@ -70,7 +71,7 @@ class Way:
     Parameters
     ----------
     placed : its markers, bound to the laws
-    normal : (n, 3) of these in the tunnel, as the model stands
+    normal : (n, 3) of these, undeformed
     """
 
     column: int
@@ -83,8 +84,7 @@ class Way:
     def of(own: Ints, column: int, state: Deformation, views: list[View], test: DeformationTest) -> Way:
         """Of the markers (n,) of a part along one parameter of all laws, from a state."""
         placed = state.volumes.bind(state.placed.xyz[own], state.placed.names[own])
-        normal = state.tunnel_from_model.rotate(test.markers.normal[own])
-        return Way(column, state, views, placed, normal)
+        return Way(column, state, views, placed, test.markers.normal[own])
 
     def peaks(self) -> list[Peak]:
         """The best place, and the next best one apart from it, of those that are no chance."""
@@ -138,11 +138,12 @@ class Way:
             xyz = self.state.tunnel_from_model.apply(self.placed.place(q))
         except LawError:
             return None
+        normal = self.state.tunnel_from_model.rotate(rotated(turns(self.placed, q, self.normal), self.normal))
         places, spots, in_view, by_chance, off2 = [], 0, 0, 0.0, 0.0
         for view in self.views:
             center = view.pose.apply(xyz)
             xy, valid = view.camera.project(center)
-            facing = ~((view.pose.rotate(self.normal) * center).sum(axis=1) >= 0)  # without a normal: facing
+            facing = ~((view.pose.rotate(normal) * center).sum(axis=1) >= 0)  # without a normal: facing
             inside = valid & view.camera.in_image(xy)
             seen = inside & facing
             away, spot = view.free.query(xy[seen], distance_upper_bound=REACH_PX)
