@@ -219,6 +219,20 @@ def test_what_is_not_known_of_the_lens_is_in_the_camera_of_the_corrected_image(c
     assert corrected_camera(replace(camera, cov=None), keep=keep).cov is None
 
 
+def test_places_where_the_lens_turns_back_have_no_say_in_the_middle():
+    """Displacements of the corrected picture have no bound there: a focal length known to 1 px was said to 29 px."""
+    lens = Camera((640, 480), 500.0, k1=-0.55, cov=variances(focal_px=1, cx=1, cy=1, k1=1e-3))
+    target, rng = corrected_camera(lens), np.random.default_rng(6)
+    rays = target.unproject(np.array([[319.5, 239.5], [380.0, 280.0], [450.0, 300.0]]))
+    drawn = []
+    for _ in range(1000):
+        real = lens.with_parameters(lens.parameters() + np.sqrt(np.diag(lens.cov)) * rng.normal(size=15))
+        drawn.append(target.project(lens.unproject(real.project(rays)[0]))[0])
+    jacobian = target.project_jacobian(rays)[3]
+    said = np.sqrt(np.einsum("kij,jl,kil->ki", jacobian, target.cov, jacobian))
+    np.testing.assert_allclose(said, np.std(np.array(drawn), axis=0), rtol=0.2)
+
+
 def test_a_pose_in_a_corrected_picture_is_as_certain_as_in_the_one_that_was_taken():
     """The principal point known to 2 px: the sigma of the pose was that of the spots alone."""
     cov = variances(focal_px=8, cx=2, cy=2, k1=4e-3)

@@ -23,8 +23,10 @@ def corrected_cov(camera: Camera, target: Camera) -> Array | None:
 
     A direction n is imaged at L(n, theta + d), is taken for L^-1(L(n, theta + d), theta), and drawn there by the
     target T: to first order dT/dn (dL/dn)^-1 dL/dtheta d away from its place. These displacements, all over the
-    corrected picture, are those of some d' of the target's own parameters, dT/dphi d' = (...) d, by least squares:
-    d' = M d, and the covariance is M cov M^T. So it has a variance for a distortion that the target has not.
+    corrected picture, are those of some d' of the target's own parameters, dT/dphi d': by least squares d' = M d, and
+    the covariance is M cov M^T. So it has a variance for a distortion that the target has not. What is minimised are
+    pixels of the picture that was taken, dL/dn (dT/dn)^-1 dT/dphi d' - dL/dtheta d, where spots are as certain
+    everywhere: towards the radius at which a lens turns back dL/dn has no inverse, and a corrected picture says little.
 
     Parameters
     ----------
@@ -43,10 +45,10 @@ def corrected_cov(camera: Camera, target: Camera) -> Array | None:
         return None
     _, _, by_ray, by_own = camera.project_jacobian(rays)
     _, _, target_by_ray, by_target = target.project_jacobian(rays)
-    moved = target_by_ray[..., :2] @ np.linalg.solve(by_ray[..., :2], by_own)
-    columns = by_target[..., _FITTED].reshape(-1, len(_FITTED))
+    by_fitted = by_ray[..., :2] @ np.linalg.solve(target_by_ray[..., :2], by_target[..., _FITTED])
+    columns, moved = by_fitted.reshape(-1, len(_FITTED)), by_own.reshape(-1, len(PARAMETERS))
     size = np.linalg.norm(columns, axis=0)
     onto = np.zeros((len(PARAMETERS), len(PARAMETERS)))
-    onto[_FITTED] = np.linalg.lstsq(columns / size, moved.reshape(-1, len(PARAMETERS)), rcond=_SAME)[0] / size[:, None]
+    onto[_FITTED] = np.linalg.lstsq(columns / size, moved, rcond=_SAME)[0] / size[:, None]
     cov = onto @ camera.cov @ onto.T
     return np.asarray(0.5 * (cov + cov.T))
