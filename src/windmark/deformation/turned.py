@@ -42,14 +42,14 @@ def turns(placed: Placed, q: Array, normal: Array) -> Array:
 
 
 def _beside(placed: Placed, normal: Array) -> tuple[NDArray[np.int64], Array, Placed]:
-    """Points that laws turn, their axes as of `_frames`, and two places beside each; the same for every state."""
+    """Points that laws turn, their axes as of `surface_axes`, and two places beside each; the same for every state."""
     for known, found in placed.beside:
         if known == normal.tobytes():
             return found
     with_law = [index for index, chain in placed.groups if chain.own is not None or chain.above]
     index = np.concatenate([np.zeros(0, np.int64), *with_law])
     index = index[np.isfinite(normal[index]).all(axis=1)]
-    before, xyz = _frames(normal[index]), placed.xyz[index]
+    before, xyz = surface_axes(normal[index]), placed.xyz[index]
     reach = REACH * float(np.abs(xyz).max(initial=1e-9))
     beside = np.concatenate([xyz + reach * before[..., k] for k in (0, 1)])
     found = index, before, placed.volumes.bind(beside, np.tile(placed.names[index], 2))
@@ -64,8 +64,8 @@ def rotated(turned: Array, value: Array) -> Array:
     return np.asarray(turned @ value @ np.swapaxes(turned, 1, 2))
 
 
-def _frames(normal: Array) -> Array:
-    """(N, 3, 3) axes as columns: two in the surface, then its unit normal."""
+def surface_axes(normal: Array) -> Array:
+    """(N, 3, 3) axes of a surface with normals (N, 3) as columns: two in the surface, then its unit normal."""
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     beside = np.where(np.abs(normal[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     first = np.cross(normal, beside)
@@ -74,7 +74,7 @@ def _frames(normal: Array) -> Array:
 
 
 def _carried(first: Array, second: Array) -> Array:
-    """(N, 3, 3) axes as of `_frames` whose lines in the surface became ``first`` and ``second`` (N, 3); NaN for none.
+    """(N, 3, 3) `surface_axes` where both lines in the surface became ``first`` and ``second`` (N, 3); NaN for none.
 
     Both lines count alike: a shear turns one of them as far as the other one, the other way.
     """

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation
+from windmark.deformation.turned import surface_axes
 from windmark.tasks.deform.memory import displaced
 from windmark.tasks.deform.spots import Labelled
 from windmark.tasks.deform.task import DeformationTest
@@ -56,10 +57,7 @@ def texture_of(labelled: Mapping[str, Labelled], state: Deformation, test: Defor
         station = test.station(name)
         camera = state.cameras.get(name, station.camera)
         pose = state.cam_from_tunnel.get(name, station.cam_from_tunnel)
-        across = np.where(np.abs(normal[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        first = np.cross(normal, across)
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
-        tangent = np.stack([first, np.cross(normal, first)], axis=-1)
+        tangent = surface_axes(normal)[..., :2]
         by_tangent = camera.project_jacobian(pose.apply(placed.xyz[rows]))[2] @ pose.rotation @ tangent
         size = np.linalg.norm(by_tangent, axis=(1, 2))
         seen = np.abs(np.linalg.det(by_tangent)) > GRAZING * size**2
