@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from windmark.deformation.disc_size import likelier_discs, other_discs
+from windmark.deformation.discs import OtherDiscs, sigmas_of
 from windmark.deformation.judge import Verdict, judge
 from windmark.deformation.lost import residuals_of_all
 from windmark.deformation.result import Deformation, NotIdentified
@@ -20,6 +22,7 @@ from windmark.deformation.volumes import Volume, Volumes
 from windmark.geometry import Camera, DegenerateGeometry
 from windmark.scene import MarkerSet, Observations, View
 from windmark.scene.shown import by_name, check_kinds, list_of
+from windmark.scene.units import CommonRatio
 
 Array = NDArray[np.float64]
 
@@ -44,6 +47,7 @@ def identify(
     eccentricity: ArrayLike | None = None,
     reject: bool = True,
     free_moved: bool = True,
+    disc_size: CommonRatio | None = None,
     keep: Callable[[Solved], None] | None = None,
 ) -> Deformation | NotIdentified:
     """How a model moved and deformed, from one or more images of one instant.
@@ -66,6 +70,8 @@ def identify(
     eccentricity : (O, 2) the discs' eccentricity in pixels at the start, where it is known; None works it out
     reject : test every observation and leave gross errors out
     free_moved : a camera taken as fixed that moved is named, and its pose found; False takes all of them as they are
+    disc_size : how many times as large as the table's radii the discs are imaged, see
+        `windmark.deformation.disc_size`; None takes these as they are
     keep : is given the adjusted instant before it is judged, for what a series of them says together
 
     Returns
@@ -121,13 +127,15 @@ def identify(
     if isinstance(solved, NotIdentified):
         return replace(solved, options=options)
     solved, twofold = best_of_twins(solved, reject)
+    solved = likelier_discs(solved, disc_size, reject)
     if keep is not None:
         keep(solved)
     judged = judge(solved, free_moved)
     if isinstance(judged, NotIdentified):
         return replace(judged, options=options)
     found, verdict = judged
-    return _result(found, replace(verdict, doubts=(*verdict.doubts, *twofold)), options)
+    state = _result(found, replace(verdict, doubts=(*verdict.doubts, *twofold)), options)
+    return _with_discs(state, other_discs(found, disc_size), markers.length_unit)
 
 
 def _unfit(task: Task) -> NotIdentified | None:
@@ -187,6 +195,19 @@ def _result(s: Solved, verdict: Verdict, options: Mapping[str, Any]) -> Deformat
         redundancy=s.redundancy, from_prior=tuple(n for n, p, size in known if size > PRIOR_SHARE * p.sigma),
         at_bound=s.at_bound, report=s.report, options=options, doubts=verdict.doubts, suspect=verdict.suspect,
         misfit=misfit, unchecked=verdict.unchecked, set_up=set_up,
+    )  # fmt: skip
+
+
+def _with_discs(state: Deformation, discs: OtherDiscs | None, unit: str) -> Deformation:
+    """The state with what discs of another size change in its covariance."""
+    if discs is None:
+        return state
+    doubts, sigmas = discs.doubt(unit), sigmas_of(discs.follow, state.cov)
+    more = np.outer(discs.follow, discs.follow)
+    return replace(
+        state, cov=state.cov + more, set_up=None if state.set_up is None else state.set_up + more,
+        doubts=(*state.doubts, *doubts), unchecked=(*state.unchecked, *discs.unchecked(unit, sigmas)),
+        other_discs=discs,
     )  # fmt: skip
 
 

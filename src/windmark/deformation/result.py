@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from windmark.adjust import SolveReport
+from windmark.deformation.discs import OtherDiscs
 from windmark.deformation.misfit import Misfit
 from windmark.deformation.sighting import LAW, MOTION
 from windmark.deformation.volumes import Placed, Volumes
@@ -79,6 +80,8 @@ class Deformation:
     set_up : (F, F) what ``cov`` is without all that turned out to be wrong: what the laws lack, bounds and priors that
         are contradicted, a camera that is late; None where it is the same
     misfit : what the laws lack, where neighbouring residuals agree in it; it is in ``cov`` and in that of every place
+    other_discs : what discs of the imaged size would change, or of the table's where the imaged ones fit better; it is
+        in ``cov`` and ``set_up``. None where that is nothing, or the size is not known
 
     Examples
     --------
@@ -126,6 +129,7 @@ class Deformation:
     misfit: Misfit | None = None
     unchecked: tuple[Doubt, ...] = ()
     set_up: Array | None = None
+    other_discs: OtherDiscs | None = None
 
     def to_pandas(self) -> Any:
         """A ``pandas.DataFrame``: value and sigma of every parameter of the laws (NaN where it was not free)."""
@@ -148,6 +152,12 @@ class Deformation:
     def warnings(self) -> tuple[str, ...]:
         """The doubts as sentences."""
         return tuple(str(d) for d in self.doubts)
+
+    @property
+    def cov_of_own_discs(self) -> Array:
+        """(F, F) `cov` without what `other_discs` would change."""
+        more = None if self.other_discs is None else self.other_discs.follow
+        return self.cov if more is None else self.cov - np.outer(more, more)
 
     @property
     def cov_of_set_up(self) -> Array:

@@ -45,6 +45,7 @@ class Task:
     place_cov : (N, 3, 3) covariance of their own places; None where they are exact
     free_motion, free_poses, free_focal : what is free: the rigid motion; views; cameras
     motion_cov, pose_cov : what is known of free motion and poses beforehand
+    disc_ratio : radii of the discs over those of the table
     """
 
     observations: Observations
@@ -60,6 +61,7 @@ class Task:
     free_focal: tuple[str, ...]
     motion_cov: Array | None
     pose_cov: Mapping[str, Array]
+    disc_ratio: float = 1.0
 
     @property
     def slots(self) -> tuple[Ints, Ints]:
@@ -142,7 +144,7 @@ class Task:
     def eccentricity(self, values: Mapping[str, Any]) -> Array:
         """(O, 2) centre of the imaged ellipse less the image of the disc's centre; 0 where a disc is not known."""
         out = np.zeros((len(self.observations), 2))
-        radius, normal = self.markers.radius, self.markers.normal
+        radius, normal = self.markers.radius * self.disc_ratio, self.markers.normal
         disc = np.isfinite(radius) & np.isfinite(normal).all(axis=1)
         if not disc.any():
             return out

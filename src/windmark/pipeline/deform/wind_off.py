@@ -17,7 +17,7 @@ from windmark.pipeline.deform.timeline import Timeline
 from windmark.scene import View
 from windmark.tasks.deform.states import identified_again
 from windmark.tasks.deform.task import DeformedFrame, FrameImages, Reader
-from windmark.tasks.deform.zero import Zero, noise_share
+from windmark.tasks.deform.zero import Zero, discs_of, noise_share
 from windmark.tasks.likely_unit import likely_unit, model_box
 
 Array = NDArray[np.float64]
@@ -50,6 +50,7 @@ def zeroed(
         loaded.test, markers=corrected.markers, marker_cov=corrected.cov, wind_off=tuple(frame.key for frame, _ in good)
     )  # fmt: skip
     good = [(identified_again(frame, test), images) for frame, images in good]
+    test = replace(test, discs_wind_off=discs_of([f.state for f, _ in good if f.state]))
     share = noise_share(loaded.test.markers, corrected.cov, corrected.seen)
     zero = Zero.of([f.state for f, _ in good if f.state], loaded.stations, corrected.markers, share)
     return replace(loaded, test=test), zero, corrected.shift, good

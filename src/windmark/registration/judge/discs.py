@@ -52,7 +52,7 @@ def stands(verdict: Verdict, limits: Limits) -> Verdict:
     matters = imaged is not None and _sigmas(final, imaged) > 1.0
     if size.is_off and (matters or max(ratio, 1 / ratio) > RADII_ODD):
         told = "By them a disc's centre is told from that of its image; the sigma of the pose has what that changes"
-        unchecked = (*unchecked, Unchecked("radii", f"{radii_words(size.ratio, markers.length_unit)}. {told}"))
+        unchecked = (*unchecked, Unchecked("radii", f"{radii_words(size.ratio, markers.length_unit)} {told}"))
     return replace(verdict, published=final, unchecked=unchecked, imaged=imaged)
 
 

@@ -14,6 +14,7 @@ from windmark.geometry import Camera
 from windmark.scene import Observations
 from windmark.tasks.deform.looking import Looking
 from windmark.tasks.deform.memory import Memory, displaced
+from windmark.tasks.deform.sizes import disc_size
 from windmark.tasks.deform.spots import LEAST_PX, MOST_PX, SIGMAS, Labelled
 from windmark.tasks.deform.states import implausible, start_pose, state_of
 from windmark.tasks.deform.task import DeformationTest, Image
@@ -75,7 +76,10 @@ class Settler:
         known_off = [s.eccentricity_px for s in parts if s.eccentricity_px is not None]
         eccentricity = np.concatenate(known_off) if start is not None and len(known_off) == len(parts) else None
         self.solved = None
-        answer = state_of(observations, poses, test or self._test, start, known, eccentricity, free_moved, self._keep)
+        answer = state_of(
+            observations, poses, test or self._test, start, known, eccentricity, free_moved, self._keep,
+            disc_size(parts, self._test.markers),
+        )  # fmt: skip
         self.moved = isinstance(answer, NotIdentified) and answer.cause == "moved"
         if isinstance(answer, NotIdentified):
             self.weak.update(answer.weak)

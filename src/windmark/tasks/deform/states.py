@@ -14,8 +14,10 @@ from windmark.deformation.ends import NO_PLACE
 from windmark.deformation.solve import Solved
 from windmark.geometry import Pose
 from windmark.scene import Doubt, Observations, View
+from windmark.scene.units import CommonRatio
 from windmark.tasks.deform.spots import Labelled
 from windmark.tasks.deform.task import DeformationTest, DeformedFrame, Station
+from windmark.tasks.deform.zero import since_wind_off
 
 Array = NDArray[np.float64]
 
@@ -34,25 +36,30 @@ def identified_again(frame: DeformedFrame, test: DeformationTest) -> DeformedFra
     """
     assert frame.observations is not None
     poses = {n: test.station(n).cam_from_tunnel for n in frame.views}
-    answer = state_of(frame.observations, poses, test, frame.state, test.marker_cov)
+    known = None if frame.state is None or frame.state.other_discs is None else frame.state.other_discs.size
+    answer = state_of(frame.observations, poses, test, frame.state, test.marker_cov, disc_size=known)
     return replace(frame, state=answer) if isinstance(answer, Deformation) else frame
 
 
 def state_of(
     observations: Observations, poses: dict[str, Pose], test: DeformationTest, start: Deformation | None,
     marker_cov: Array | None, eccentricity: Array | None = None, free_moved: bool = True,
-    keep: Callable[[Solved], None] | None = None,
+    keep: Callable[[Solved], None] | None = None, disc_size: CommonRatio | None = None,
 ) -> Deformation | NotIdentified:  # fmt: skip
     """The state of one instant; ``poses`` of its views, in the order of ``observations.view``.
 
-    ``eccentricity`` (O, 2) as ``start`` has it; None works it out. ``keep``: see `identify`.
+    ``eccentricity`` (O, 2) as ``start`` has it; None works it out. ``keep``, ``disc_size``: see `identify`.
     """
     stations = [test.station(n) for n in poses]
-    return identify(
+    answer = identify(
         observations, test.markers, test.volumes, {s.name: s.camera for s in stations},
         [View(n, n, "", pose) for n, pose in poses.items()], **what_is_free(test, tuple(poses)), marker_cov=marker_cov,
-        start=start, eccentricity=eccentricity, free_moved=free_moved, keep=keep,
+        start=start, eccentricity=eccentricity, free_moved=free_moved, disc_size=disc_size,
+        keep=keep,
     )  # fmt: skip
+    if isinstance(answer, NotIdentified):
+        return answer
+    return since_wind_off(answer, test.discs_wind_off, test.markers.length_unit)
 
 
 def what_is_free(test: DeformationTest, names: tuple[str, ...]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation, Volumes
+from windmark.deformation.discs import OtherDiscs
 from windmark.errors import DataError, UsageError
 from windmark.geometry import Camera, Pose
 from windmark.options.detection import MERIT_MAX, POLARITY
@@ -81,6 +82,7 @@ class DeformationTest:
         wind-off zero); None takes their sigma and adds the texture
     look : how markers are looked for
     wind_off : keys of the wind-off frames, which ``marker_cov`` is from and all else is relative to
+    discs_wind_off : what discs of another size would change in these (`zero.discs_of`); None for nothing
     """
 
     stations: tuple[Station, ...]
@@ -91,6 +93,7 @@ class DeformationTest:
     marker_cov: Array | None = None
     look: LookOptions = field(default_factory=LookOptions)
     wind_off: tuple[str, ...] = ()
+    discs_wind_off: OtherDiscs | None = None
 
     def __post_init__(self) -> None:
         names = [s.name for s in self.stations]

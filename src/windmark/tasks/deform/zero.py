@@ -9,12 +9,13 @@ did not go into the places because the table is better than the images, and wind
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from windmark.deformation import Deformation, SpanValues, Stations, span_values
+from windmark.deformation.discs import OtherDiscs, sigmas_of
 from windmark.deformation.volumes import Placed
 from windmark.errors import g2, plus_minus
 from windmark.geometry import Pose
@@ -22,6 +23,7 @@ from windmark.geometry.rotations import hat, log_so3
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 MOTION = ("shift_x", "shift_y", "shift_z", "turn_x_deg", "turn_y_deg", "turn_z_deg")
 """The rigid motion of the model in the tunnel's axes: shift of its markers' centre, rotation vector."""
@@ -175,16 +177,55 @@ def motion_point(markers: MarkerSet) -> Array:
     return np.asarray(markers.xyz[markers.role != "wall"].mean(axis=0))
 
 
-def _own_cov(state: Deformation) -> Array:
-    """(K + 6, K + 6) covariance of the laws' parameters and the motion; 0 of what is not free."""
+def discs_of(states: Sequence[Deformation]) -> OtherDiscs | None:
+    """What other discs change in the laws' parameters and the motion (K + 6,) of wind-off states; None for nothing."""
+    known = [(s, s.other_discs) for s in states if s.other_discs is not None]
+    if not known or len({d.chosen for _, d in known}) > 1:
+        return None
+    every = np.zeros((len(known), len(known[0][0].q) + 6))
+    for row, (state, discs) in zip(every, known, strict=True):
+        to, of = _law_and_motion(state)
+        row[to] = discs.follow[of]
+    return replace(known[0][1], follow=every.sum(axis=0) / len(states))
+
+
+def since_wind_off(state: Deformation, first: OtherDiscs | None, unit: str) -> Deformation:
+    """A state whose covariance is that of its difference from the wind-off one, in which discs of another size change
+    the same but for what the model moved since (`discs_of`). ``unit`` of lengths.
+    """
+    own = state.other_discs
+    if own is None or first is None or own.chosen != first.chosen:
+        return state
+    to, of = _law_and_motion(state)
+    left = own.follow.copy()
+    left[of] -= first.follow[to]
+    more, cov = np.outer(left, left) - np.outer(own.follow, own.follow), state.cov_of_own_discs
+    unchecked = own.unchecked(unit, sigmas_of(left, cov))
+    others = tuple(d for d in state.unchecked if d.cause != "radii")
+    return replace(
+        state, cov=state.cov + more, set_up=None if state.set_up is None else state.set_up + more,
+        other_discs=replace(own, follow=left), unchecked=(*others, *unchecked),
+    )  # fmt: skip
+
+
+def _law_and_motion(state: Deformation) -> tuple[Ints, Ints]:
+    """Which of the K parameters of the laws and 6 of the motion are free, and where they stand in all that is."""
     size = len(state.q)
     where = [np.arange(size)[: len(range(*s.indices(len(state.names))))] if name == "law" else size + np.arange(6)
              for name, s in state.slices.items() if name in ("law", "motion")]  # fmt: skip
     free = [np.arange(len(state.names))[s] for name, s in state.slices.items() if name in ("law", "motion")]
-    out = np.zeros((size + 6, size + 6))
-    if free:
-        to, of = np.concatenate(where), np.concatenate(free)
-        out[np.ix_(to, to)] = state.cov[np.ix_(of, of)]
+    none = [np.zeros(0, np.int64)]
+    return np.concatenate(where or none), np.concatenate(free or none)
+
+
+def _own_cov(state: Deformation) -> Array:
+    """(K + 6, K + 6) covariance of the laws' parameters and the motion; 0 of what is not free.
+
+    What discs of another size would change leaves with the difference.
+    """
+    to, of = _law_and_motion(state)
+    out = np.zeros((len(state.q) + 6, len(state.q) + 6))
+    out[np.ix_(to, to)] = state.cov_of_own_discs[np.ix_(of, of)]
     return out
 
 
