@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from imaged_discs import centres
 
 from windmark.deformation import identify
 from windmark.geometry import Camera, Pose
@@ -13,7 +14,6 @@ from windmark.tasks.deform.zero import Zero, discs_of, since_wind_off
 
 RADIUS, NOISE = 6.0, 0.02
 CAMERA = Camera((640, 480), 600.0)
-CENTRE = CAMERA.project(np.array([[0.0, 0.0, 1.0]]))[0][0]
 X, Y = (v.ravel() for v in np.meshgrid(np.linspace(-90.0, 90.0, 6), np.linspace(-60.0, 60.0, 4)))
 XYZ = np.c_[X, Y, 25.0 * np.cos(X / 50.0)]
 NORMAL = np.tile([0.0, 0.0, -1.0], (24, 1))
@@ -24,23 +24,9 @@ def views(*degrees):
     return [View(f"cam{k}", f"cam{k}", "0", Pose.look_at(eye, [0, 0, 0], [0, -1, 0])) for k, eye in enumerate(eyes)]
 
 
-def image_of(pose, place, normal, radius):
-    """(N, 2) centres of the imaged ellipses: of their areas, as dense polygons."""
-    t = np.linspace(0.0, 2.0 * np.pi, 721)[:-1]
-    one = np.cross(normal, [0.0, 1.0, 0.0])
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
-    other = np.cross(normal, one)
-    rim = place[:, None] + radius * (np.cos(t)[:, None] * one[:, None] + np.sin(t)[:, None] * other[:, None])
-    seen = pose.apply(rim.reshape(-1, 3)).reshape(rim.shape)
-    xy = CAMERA.focal_px * seen[..., :2] / seen[..., 2:]
-    after = np.roll(xy, -1, axis=1)
-    area = xy[..., 0] * after[..., 1] - after[..., 0] * xy[..., 1]
-    return ((xy + after) * area[..., None]).sum(axis=1) / (3.0 * area.sum(axis=1))[:, None] + CENTRE
-
-
 def seen(sides, motion=None, seed=0):
     motion, rng, n = motion or Pose.identity(), np.random.default_rng(seed), len(XYZ)
-    xy = [image_of(v.cam_from_model, motion.apply(XYZ), motion.rotate(NORMAL), RADIUS) for v in sides]
+    xy = [centres(CAMERA, v.cam_from_model, motion.apply(XYZ), motion.rotate(NORMAL), RADIUS)[0] for v in sides]
     xy = np.concatenate(xy) + NOISE * rng.standard_normal((n * len(sides), 2))
     return Observations(np.repeat(np.arange(len(sides)), n), np.tile(np.arange(n), len(sides)), xy,
                         np.tile(NOISE**2 * np.eye(2), (len(xy), 1, 1)))  # fmt: skip

@@ -6,7 +6,8 @@ import pytest
 import windmark as wm
 from windmark.errors import DataError, UsageError
 from windmark.synth import disc_image
-from windmark.tasks.follow import FEWER, FollowOptions, _may_have_slipped, _prediction_sigma_px, follow
+from windmark.tasks.expected import prediction_sigma_px
+from windmark.tasks.follow import FEWER, FollowOptions, _may_have_slipped, follow
 
 CAMERA = wm.Camera((320, 240), 400.0)
 LEVEL = 180.0
@@ -131,7 +132,7 @@ def test_the_prediction_is_as_unsure_as_draws_of_the_pose(table):
     at = pose(0)
     xy = [CAMERA.project((wm.Pose.exp(root @ rng.normal(size=6)) @ at).apply(table.xyz))[0] for _ in range(3000)]
     worse = np.std(xy, axis=0).max(axis=1)
-    got = _prediction_sigma_px(CAMERA, at, root @ root.T, table)
+    got = prediction_sigma_px(CAMERA, at, root @ root.T, table)
     assert got == pytest.approx(np.sqrt(np.quantile(worse**2, 0.9)), rel=0.08)
     away = wm.Pose.look_at([0.0, 0.0, 400.0], [0.0, 0.0, 900.0], [0.0, 1.0, 0.0])
-    assert _prediction_sigma_px(CAMERA, away, np.eye(6), table) == np.inf
+    assert prediction_sigma_px(CAMERA, away, np.eye(6), table) == np.inf

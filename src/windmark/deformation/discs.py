@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import g2
 from windmark.scene import Doubt
-from windmark.scene.units import RADII_ODD, CommonRatio, radii_words
+from windmark.scene.units import CommonRatio, radii_told, radii_words
 
 Array = NDArray[np.float64]
 
@@ -33,21 +33,20 @@ class OtherDiscs:
         """That the table's radii fit worse than the imaged ones."""
         if not self.chosen:
             return ()
-        words = f"{self._words(unit)} The spots fit better as images of discs of that size, and are taken for such"
-        return (Doubt((), words, "table"),)
+        fits = "The spots fit better as images of discs of that size, and are taken for such"
+        return (Doubt((), f"{radii_words(self._ratio, unit)} {fits}", "table"),)
 
     def unchecked(self, unit: str, sigmas: float) -> tuple[Doubt, ...]:
         """That the sigmas have more in them, where the other discs change something by over one of these."""
-        odd = max(self.size.ratio, 1 / self.size.ratio) > RADII_ODD
-        if self.chosen or not self.size.is_off or not (odd or sigmas > 1.0):
+        if self.chosen or not self.size.matters(sigmas):
             return ()
-        told = "By them a disc's centre is told from that of its image; every sigma has what that changes"
-        return (Doubt((), f"{self._words(unit)} {told}", "radii"),)
+        return (Doubt((), radii_told(self._ratio, unit, "every sigma has"), "radii"),)
 
-    def _words(self, unit: str) -> str:
-        # One figure for all frames of a test.
+    @property
+    def _ratio(self) -> float:
+        """With two figures, so that all frames of a test say the same."""
         factor = float(g2(max(self.size.ratio, 1 / self.size.ratio)))
-        return radii_words(factor if self.size.ratio > 1 else 1 / factor, unit)
+        return factor if self.size.ratio > 1 else 1 / factor
 
 
 def sigmas_of(change: Array, cov: Array) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import g3
+from windmark.geometry.order import median
 
 Array = NDArray[np.float64]
 
@@ -97,6 +98,13 @@ class CommonRatio:
         """Whether it is not 1: beyond three sigmas."""
         return abs(math.log(self.ratio)) > 3 * self.sigma
 
+    def matters(self, sigmas: float) -> bool:
+        """Whether it is to be said where it changes something by so many ``sigmas``, which these have in them.
+
+        That is where it is not 1 and changes something by over a sigma, or is odd.
+        """
+        return self.is_off and (max(self.ratio, 1 / self.ratio) > RADII_ODD or sigmas > 1.0)
+
 
 def common_ratio(ratios: Array, imaged_px: Array, least: int) -> CommonRatio:
     """The common ratio of imaged radii (N,) ``imaged_px`` to the expected ones, from (N,) ``ratios``.
@@ -108,9 +116,9 @@ def common_ratio(ratios: Array, imaged_px: Array, least: int) -> CommonRatio:
     if known.sum() < least:
         return CommonRatio(1.0, math.inf)
     logs = np.log(ratios[known])
-    middle = float(np.median(logs))
-    spread = 1.4826 * float(np.median(np.abs(logs - middle)))
-    rim = RIM_PX / float(np.median(imaged_px[known]))
+    middle = median(logs)
+    spread = 1.4826 * median(np.abs(logs - middle))
+    rim = RIM_PX / median(imaged_px[known])
     return CommonRatio(math.exp(middle), math.hypot(spread * math.sqrt(math.pi / (2 * len(logs))), rim))
 
 
@@ -125,3 +133,9 @@ def radii_words(ratio: float, place_unit: str = "") -> str:
     elif not likely:
         likely = "; another unit, or something else than radii?"
     return f"the table's radii are {g3(factor)} times too {small} for the imaged markers{likely}"
+
+
+def radii_told(ratio: float, place_unit: str, sigmas: str = "the sigma of the pose has") -> str:
+    """`radii_words`, and that the ``sigmas`` have what that changes."""
+    told = f"By them a disc's centre is told from that of its image; {sigmas} what that changes"
+    return f"{radii_words(ratio, place_unit)} {told}"

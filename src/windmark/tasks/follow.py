@@ -14,13 +14,13 @@ from windmark.compiling import working_time
 from windmark.detection.fields import field_shift
 from windmark.errors import DataError, UsageError, WindmarkError
 from windmark.geometry import Camera, Pose
-from windmark.geometry.rotations import hat
 from windmark.options.detection import MERIT_MAX, POLARITY
 from windmark.options.registration import MAX_TABLE_ERROR
 from windmark.registration import Motion, NotRegistered, Registration, TrackState, predict, track
 from windmark.registration.track import taken_up
 from windmark.scene import Detections, MarkerSet
 from windmark.scene.repeated import print_of
+from windmark.tasks.expected import imaged_size, of_size, prediction_sigma_px
 from windmark.tasks.predictions import Known, from_camera, look_again
 from windmark.tasks.unexplained import unexplained
 
@@ -154,7 +154,7 @@ def follow(
         yield replace(frame, time_s=getattr(item, "time_s", np.nan))
 
 
-_HANDED_ON = ("_known", "_radius", "_polarity", "_last")
+_HANDED_ON = ("_known", "_radius", "_polarity", "_last", "_size")
 
 
 class _Follower:
@@ -167,6 +167,7 @@ class _Follower:
         self._radius: tuple[float, ...] | None = options.radius_px
         self._polarity = "" if options.polarity == detection.AUTO else options.polarity  # "": not decided yet
         self._last: tuple[int, float] = (0, np.nan)  # markers and their radius in the last good image
+        self._size = 1.0  # of discs beside the table's, by the last image that was looked at as a whole
 
     def handed_on(self) -> dict[str, Any]:
         """What the next image goes on with; what markers and camera alone make is left out."""
@@ -202,6 +203,8 @@ class _Follower:
         if isinstance(answer, Registration):
             mine = answer.matching.detection
             self._last = len(mine), float(np.median(spots.radius_px[mine]))
+            if not near:
+                self._size = imaged_size(spots, answer, self._markers, self._last[1])
             fields = field_shift(image, spots.xy[mine], self._last[1]).sure_px
         state, reason = self._state, self._state.reason
         if index == 0 and isinstance(answer, NotRegistered):
@@ -239,10 +242,10 @@ class _Follower:
         if state is None or state.estimate is None:
             return None
         pose, cov = predict(state, dt)
-        reach = SIGMAS * _prediction_sigma_px(self._camera, pose, cov, self._markers)
+        reach = SIGMAS * prediction_sigma_px(self._camera, pose, cov, self._markers)
         if not reach < MOST_PX:
             return None
-        expected = from_camera(self._camera, pose, self._markers, self._last[1])
+        expected = of_size(from_camera(self._camera, pose, self._markers, self._last[1]), self._markers, self._size)
         if not len(expected):
             return None
         reach, options = max(reach, LEAST_PX), self._options
@@ -324,16 +327,3 @@ def _may_have_slipped(onto: NDArray[np.int32], gone: NDArray[np.int64], seen: ND
     empty = (onto[:, gone] < 0).mean(axis=1) > 0.5
     as_many = (onto[:, seen] >= 0).sum(axis=1) >= FEWER * len(seen)
     return bool((empty & as_many).any())
-
-
-def _prediction_sigma_px(camera: Camera, pose: Pose, cov: Array, markers: MarkerSet) -> float:
-    """1 sigma per coordinate of the predicted places in the image, that of the worst tenth of the markers in view."""
-    places = pose.apply(markers.xyz)
-    xy, valid, by_place, _ = camera.project_jacobian(places)
-    seen = valid & camera.in_image(xy)
-    if not seen.any():
-        return np.inf
-    by_pose = np.concatenate([-hat(places[seen]), np.broadcast_to(np.eye(3), (int(seen.sum()), 3, 3))], axis=2)
-    j = by_place[seen] @ by_pose
-    variance = np.diagonal(j @ cov @ np.swapaxes(j, 1, 2), axis1=1, axis2=2).max(axis=1)
-    return float(np.sqrt(np.quantile(variance, 0.9)))

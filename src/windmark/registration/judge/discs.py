@@ -26,7 +26,7 @@ from windmark.registration.settle._kernels.state import EXCESS
 from windmark.registration.settle.settling import accepted, with_excess
 from windmark.registration.settle.solution import Solution
 from windmark.registration.task import MIN_COUNT, Limits
-from windmark.scene.units import RADII_ODD, RADII_OFF, common_ratio, off_by, radii_words
+from windmark.scene.units import RADII_ODD, RADII_OFF, common_ratio, off_by, radii_told, radii_words
 
 Array = NDArray[np.float64]
 
@@ -51,8 +51,7 @@ def stands(verdict: Verdict, limits: Limits) -> Verdict:
     # Otherwise the sigma of the pose has it, and there is nothing to look after.
     matters = imaged is not None and _sigmas(final, imaged) > 1.0
     if size.is_off and (matters or max(ratio, 1 / ratio) > RADII_ODD):
-        told = "By them a disc's centre is told from that of its image; the sigma of the pose has what that changes"
-        unchecked = (*unchecked, Unchecked("radii", f"{radii_words(size.ratio, markers.length_unit)} {told}"))
+        unchecked = (*unchecked, Unchecked("radii", radii_told(size.ratio, markers.length_unit)))
     return replace(verdict, published=final, unchecked=unchecked, imaged=imaged)
 
 

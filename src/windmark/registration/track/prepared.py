@@ -12,6 +12,7 @@ from windmark.registration.judge.first_order import PRIOR
 from windmark.registration.options import roughness
 from windmark.registration.search.layout import Layout
 from windmark.registration.settle.views import known_camera
+from windmark.registration.track.discs import Discs
 from windmark.scene import MarkerSet
 
 Array = NDArray[np.float64]
@@ -26,7 +27,8 @@ class Prepared:
     """Markers and camera as the kernels want them; ``layout`` and ``camera`` are the nouns they come from.
 
     ``rough`` is the table's `roughness`, which the search must bridge; ``sigma`` and ``modes`` are of the unit model,
-    ``modes`` what a bow may look like; ``loose`` is how the camera may vary, see `settle.views.known_camera`.
+    ``modes`` what a bow may look like; ``loose`` is how the camera may vary, see `settle.views.known_camera`; ``discs``
+    are the markers of known radius and normal.
     """
 
     layout: Layout
@@ -37,6 +39,7 @@ class Prepared:
     loose: Array
     size: Array
     rough: float
+    discs: Discs | None
 
     @staticmethod
     def of(markers: MarkerSet, camera: Camera, layout: Layout | None = None) -> Prepared:
@@ -46,7 +49,7 @@ class Prepared:
         return Prepared(
             layout, camera, layout.sigma_of(markers), np.ascontiguousarray(modes), camera.packed(),
             np.ascontiguousarray(known_camera(camera, 0.0)[None]), np.array(camera.size_px, dtype=float),
-            roughness(markers),
+            roughness(markers), Discs.of(markers),
         )  # fmt: skip
 
     def fits(self, markers: MarkerSet, camera: Camera) -> bool:

@@ -13,15 +13,17 @@ from windmark.adjust import SolveReport
 from windmark.errors import g2
 from windmark.geometry import Pose
 from windmark.registration import rules
-from windmark.registration.result import Cause, NotRegistered, Registration, RunnerUp
+from windmark.registration.result import Cause, NotRegistered, Registration, RunnerUp, Unchecked
 from windmark.registration.search.layout import Frame
 from windmark.registration.task import Limits
 from windmark.registration.track._kernels import step as at
 from windmark.registration.track._kernels.motion import Estimate
-from windmark.registration.track.carried import ABRUPT, restart
+from windmark.registration.track.carried import ABRUPT, predicted_pose, restart
+from windmark.registration.track.discs import with_discs
 from windmark.registration.track.prepared import Prepared
 from windmark.registration.track.state import Motion, TrackState
 from windmark.scene import Detections, Matching
+from windmark.scene.units import CommonRatio, radii_told
 
 Array = NDArray[np.float64]
 
@@ -66,16 +68,26 @@ def step(
     Where only the rigid model is in doubt, its labels go to the judge.
     """
     assert state.estimate is not None, "step: a first frame is registered"
-    prepared, layout = state.prepared, state.prepared.layout
+    prepared, layout, before = state.prepared, state.prepared.layout, state.estimate
     if len(detections) < at.MIN_COUNT:
         return NotRegistered(f"{len(detections)} spots: too few", "too_few", options=options), state
     xy, cov = np.ascontiguousarray(detections.xy), np.ascontiguousarray(detections.cov)
-    done = Stepped(layout.frame, *at.step_kernel(
-        layout.model.xyz, layout.model.normal, prepared.sigma, prepared.modes, layout.model.near, *layout.symmetries,
-        prepared.packed, prepared.loose, prepared.size, xy, cov, detections.radius_px,
-        *state.estimate, state.change, motion.change, dt + state.missed, options["tolerance_px"] or 0.0,
-        prepared.rough, least_density, limits.margin,
-    ))  # fmt: skip
+
+    def run(eccentricity: Array) -> Stepped:
+        fields = at.step_kernel(
+            layout.model.xyz, layout.model.normal, prepared.sigma, prepared.modes, layout.model.near,
+            *layout.symmetries, prepared.packed, prepared.loose, prepared.size, xy, cov, detections.radius_px,
+            *before, state.change, motion.change, dt + state.missed, options["tolerance_px"] or 0.0,
+            prepared.rough, least_density, limits.margin, eccentricity,
+        )  # fmt: skip
+        return Stepped(layout.frame, *fields)
+
+    more, sized = np.zeros((6, 6)), None
+    if prepared.discs is None:
+        done = run(np.zeros((len(layout.markers), 2)))
+    else:
+        ahead = predicted_pose(state, dt)[0]
+        done, more, sized = with_discs(run, prepared.discs, prepared.camera, ahead, detections)
     n = done.numbers.tolist()  # plain floats are faster
     if n[at.OUTCOME] == at.NOT_FINITE:
         raise ValueError("track: detections.cov must be finite")
@@ -88,11 +100,21 @@ def step(
     if max(n[at.BENDING], bends) > rules.DOUBT:
         return _doubted(replace(state, bends=bends), detections, done, n, dt, motion, limits, options)
     answer = _registration(prepared, done, n, options)
+    if sized is not None and more.any():
+        answer = _of_any_size(answer, done, more, sized, layout.markers.length_unit)
     estimate = Estimate(done.new_rotation, done.new_translation, done.new_velocity, done.new_cov)
     new = TrackState(
         "tracked", "", estimate, done.change, done.marker, state.n_frames + 1, 0.0, prepared, bends
     )  # fmt: skip
     return answer, new
+
+
+def _of_any_size(answer: Registration, done: Stepped, more: Array, size: CommonRatio, unit: str) -> Registration:
+    """The answer with what discs of the imaged size change in its covariance, ``more`` of the unit model."""
+    change = done.frame.change(done.translation)
+    sigmas = math.sqrt(max(np.trace(np.linalg.solve(done.cov, more)), 0.0))  # of one way
+    said = (Unchecked("radii", radii_told(size.ratio, unit)),) if size.matters(sigmas) else ()
+    return replace(answer, cov=answer.cov + change @ more @ change.T, unchecked=(*answer.unchecked, *said))
 
 
 def _doubted(

@@ -73,7 +73,7 @@ def step_kernel(
     xyz: Array, normal: Array, sigma: Array, modes: Array, near: Ints, onto: Ints, turn: Array, shift: Array,
     camera: Array, loose: Array, size: Array, xy: Array, spot_cov: Array, radius: Array,
     rotation: Array, translation: Array, velocity: Array, cov: Array, change: Array, expected_change: Array, dt: float,
-    given_tolerance: float, rough: float, least_density: float, margin: float,
+    given_tolerance: float, rough: float, least_density: float, margin: float, offset: Array,
 ) -> tuple[
     Array, Array, Array, Array, NDArray[np.int64], NDArray[np.int64], Array, Array, Array, Array, Array, Array, Array,
     Array, Array,
@@ -90,6 +90,7 @@ def step_kernel(
     expected_change : (2,) that the adapted one stays near to
     given_tolerance, rough : of the search; 0 takes the usual one, wider for a table with so much `roughness`
     margin : rivals that cannot come so near (nats) are not looked at
+    offset : (N, 2) what the accepted pose's projections are moved by, see `State`
 
     Returns
     -------
@@ -120,6 +121,7 @@ def step_kernel(
         out[DISTANCE2] = distance2_of(innovation, prior, measured)
         out[LEAD] = rival_kernel(sights, (onto, turn, shift), (r0, t0, prior), best, margin, rival)
         _compare(best, rival, out)
+        best.offset[0] = offset
         if accept_kernel(sights, best):
             invert_factored(best.factor, measured)
             difference(best.rotation, best.translation, r0, t0, innovation)
