@@ -66,13 +66,19 @@ def judged(
 
 
 def covered(
-    prepared: Prepared, detections: Detections, pose: Pose, match: NDArray[np.int32], tolerance: float, bends: float,
-    options: dict[str, Any],
-) -> Registration | None:  # fmt: skip
-    """A rigid pose and its labels (N,), with the sigma of a model that bends in other frames; None if they part."""
+    prepared: Prepared, detections: Detections, pose: Pose, match: NDArray[np.int32], tolerance: float, limits: Limits,
+    bends: float, options: dict[str, Any],
+) -> Registration | str:  # fmt: skip
+    """A rigid pose and its labels (N,), with the sigma of a model that bends in other frames; "" if they part.
+
+    Where its discs contradict it, why.
+    """
     plane, usable, match = _seen(prepared, detections, match, tolerance)
     best = settle(Views.of([plane]), *prepared.layout.frame.unit(pose), match[None], trusted=TRUSTED)
-    return None if best is None else _registration(best, Verdict(best, None, None, ""), 1, usable, options, bends)
+    if best is None:
+        return ""
+    verdict = stands(Verdict(best, None, None, ""), limits)
+    return verdict.reason if verdict.cause is not None else _registration(best, verdict, 1, usable, options, bends)
 
 
 def _seen(

@@ -127,11 +127,10 @@ def _doubted(
     match = np.full(len(state.prepared.layout.markers), -1, np.int32)
     match[done.marker] = done.spot
     pose, what, beside = done.pose, (state.prepared, detections), _runner_up(n, done)
-    answer: Registration | str | None
     if n[at.BENDING] > rules.DOUBT:
         answer = judged(*what, pose, match, n[at.WORTH], n[at.TOLERANCE], limits, state.bends, options)
     else:
-        answer = covered(*what, pose, match, n[at.TOLERANCE], state.bends, options)
+        answer = covered(*what, pose, match, n[at.TOLERANCE], limits, state.bends, options)
     if not isinstance(answer, Registration):
         reason = answer or OUTCOMES[at.LOST]
         return NotRegistered(reason, "misfit", int(n[at.COUNT]), pose, beside, options=options), state
