@@ -6,7 +6,8 @@ import pytest
 from windmark import io, synth
 from windmark.geometry import Camera, Pose
 from windmark.pipeline.track_files import FollowOptions, follow
-from windmark.pipeline.track_results import PoseRow, match_columns, pose_columns, pov_with_sigma
+from windmark.pipeline.track_results import PoseRow, match_columns, pose_columns, pov_with_sigma, sequence_summary
+from windmark.registration import Unchecked
 from windmark.scene import MarkerSet
 
 FRAMES = 8
@@ -112,6 +113,22 @@ def test_tables_hold_every_image(scene):
         assert abs(poses_table[name][0] - getattr(truth, name)) < 6 * poses_table[f"sigma_{name}"][0] + 1e-3
     assert len(matches["name"]) == rows[0].matched + rows[2].matched
     assert set(matches["image"]) == {"f0", "f2"}
+    assert [u["what"] for u in sequence_summary(rows, test.cameras["cam1"], "mm")["unchecked"]] == \
+        [u.what for u in rows[0].unchecked]  # fmt: skip
+
+
+def test_what_a_followed_image_cannot_tell_is_said_beside_what_the_first_one_cannot():
+    none = (np.zeros(0, np.int64), np.zeros((0, 4)))
+    scale, radii, mirror = (Unchecked(what, what) for what in ("scale", "radii", "mirror"))
+    rows = [
+        PoseRow(k, f"f{k}", k, status, "", True, 0.1, 9, 9, 0.1, np.zeros(6), np.ones(6), Pose.identity(), none,
+                unchecked=said)
+        for k, (status, said) in enumerate([
+            ("cold", (mirror,)), ("tracked", ()), ("reacquired", (scale,)), ("tracked", (radii,)), ("tracked", ())
+        ])
+    ]  # fmt: skip
+    told = sequence_summary(rows, Camera((640, 480), 800.0), "mm")["unchecked"]
+    assert [u["what"] for u in told] == ["scale", "radii"]
 
 
 def test_sigma_of_the_point_of_view_is_that_of_scattered_poses():

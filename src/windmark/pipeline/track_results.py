@@ -32,7 +32,7 @@ class PoseRow:
     pov, sigma : (6,) the point of view (`POV`) and its 1 sigma, NaN where there is no pose
     matches : marker, x, y, dx, dy (projected - detected) of the K matches
     time_s : by the recording's clock; NaN where unknown
-    unchecked : what the image cannot tell, of those that were registered without help
+    unchecked : what the image cannot tell; of those that were followed, besides that of the one they go on from
     excess_px, off_table : of the registration; ``spot_px`` is the median sigma of its spots, ``bent_px`` the largest
         shift of a marker by a deformation
     fields_px : how far rows of odd number are from those of even number, see `FollowedFrame`
@@ -148,7 +148,12 @@ def sequence_summary(rows: list[PoseRow], camera: Camera, unit: str) -> dict[str
     """A followed sequence in figures."""
     status = [row.status for row in rows]
     good = [row for row in rows if row.cam_from_model is not None]
-    unchecked = next((row.unchecked for row in reversed(rows) if row.unchecked), ())
+    # What an image that is followed cannot tell is only what it has besides that of the one it goes on from.
+    alone, all_of = (
+        next((row.unchecked for row in reversed(rows) if row.unchecked and keep(row)), ())
+        for keep in (lambda row: row.status != "tracked", lambda row: True)
+    )
+    unchecked = {u.what: u for u in (*alone, *all_of)}.values()
     return {
         "images": len(rows),
         **{key: status.count(key) for key in ("cold", "tracked", "reacquired", "lost")},
