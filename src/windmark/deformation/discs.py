@@ -34,7 +34,7 @@ class OtherDiscs:
         if not self.chosen:
             return ()
         fits = "The spots fit better as images of discs of that size, and are taken for such"
-        return (Doubt((), f"{radii_words(self._ratio, unit)} {fits}", "table"),)
+        return (Doubt((), f"{radii_words(self._ratio, unit)} {fits}", "discs"),)
 
     def unchecked(self, unit: str, sigmas: float) -> tuple[Doubt, ...]:
         """That the sigmas have more in them, where the other discs change something by over one of these."""

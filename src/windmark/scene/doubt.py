@@ -18,7 +18,8 @@ class Doubt:
         "marker", "picture", "attached" (a part to another one), "bent" (a law that is too simple), "bound" (of a law's
         parameter, which the images contradict), "prior" (its sigma, likewise), "noise", "focal", "lens" (or what else
         of a camera), "principal" (point), "sheared" or "distorted" (pictures), "focus" (that nothing checks),
-        "control", "table", "layout", "mirrored", "mixed" (two cameras), "scene" (it changed between pictures),
+        "control", "table", "discs" (radii or normals of the table), "layout", "mirrored", "mixed" (two cameras),
+        "scene" (it changed between pictures),
         "twofold" (a parameter of a law); "" for anything else
     """
 

@@ -30,6 +30,7 @@ STEPS = {
     "control": "measure the named ones again, or leave the wrong one out",
     "table": "let the markers adjust (--datum free, or weighted with their sigma); of a board: mark three dots "
     "(--board-marks)",
+    "discs": "check radii (not diameters, same unit) and normals of the table",
     "late": "pair the cameras' pictures by time (rate_hz or times, and offset_s, of [[camera]]), or by the right "
     "numbers: see which camera began at another picture or dropped one",
     "moved": "place this camera anew, or say that it moves; see that the markers on walls are where their table says",

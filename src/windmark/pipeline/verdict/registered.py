@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from windmark.errors import g2
 from windmark.geometry import Pose
 from windmark.pipeline.verdict import rules
+from windmark.pipeline.verdict.doubts import STEPS
 from windmark.pipeline.verdict.lens import by_pose, other_interior, table_finding
 from windmark.pipeline.verdict.reasons import told_by
 from windmark.pipeline.verdict.resized import resized
@@ -36,7 +37,7 @@ REFUSALS = {
     "exchanged": ("moved", "give each camera its own pictures and its own file: two have each other's"),
     "mirrored": ("mirrored", "mirror the picture, or check the sign of the table's axes"),
     "one_pair": ("few", "paint more markers, or label one ([[image]] labels)"),
-    "discs": ("discs", "check radii (not diameters, same unit) and normals of the table"),
+    "discs": ("discs", STEPS["discs"]),
     "labels": ("swapped", "check the named labels: one is at another marker's spot"),
     "time": ("time", "allow more time ([register] max_time_s), or give a prior pose"),
 }
