@@ -145,7 +145,7 @@ class Task:
         """(O, 2) centre of the imaged ellipse less the image of the disc's centre; 0 where a disc is not known."""
         out = np.zeros((len(self.observations), 2))
         radius, normal = self.markers.radius * self.disc_ratio, self.markers.normal
-        disc = np.isfinite(radius) & np.isfinite(normal).all(axis=1)
+        disc = self.markers.is_disc
         if not disc.any():
             return out
         motion: Pose = values[MOTION]

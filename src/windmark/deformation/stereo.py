@@ -108,7 +108,7 @@ def marker_places(
     cams = [known[v.camera] for v in views]
     found = triangulate(cams, poses, xy, cov)
     radius, normal, curvature = markers.radius[marker], markers.normal[marker], markers.curvature[marker]
-    disc = found.valid & np.isfinite(radius) & np.isfinite(normal).all(axis=1)
+    disc = found.valid & markers.is_disc[marker]
     if disc.any():
         for v, (camera, pose) in enumerate(zip(cams, poses, strict=True)):
             seen = imaged_ellipse(

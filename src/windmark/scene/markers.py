@@ -134,6 +134,11 @@ class MarkerSet:
         """Every column, (N, ...), by its name."""
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "length_unit"}
 
+    @property
+    def is_disc(self) -> NDArray[np.bool_]:
+        """(N,) whose radius and normal are known: the centre of its image is told from the image of its centre."""
+        return np.isfinite(self.radius) & np.isfinite(self.normal).all(axis=1)
+
     def take(self, index: ArrayLike) -> MarkerSet:
         """The markers of a boolean mask or an index array, in that order."""
         i = np.asarray(index)

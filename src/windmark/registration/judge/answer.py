@@ -34,7 +34,7 @@ DISC_ROUNDS = 2
 def corrected(best: Solution, part: float = 1.0) -> Solution:
     """The solution with its excess by the residuals alone, and with the discs' eccentricity, or ``part`` of it."""
     best = accepted(best)
-    discs = are_discs(best)
+    discs = best.views.planes[0].task.markers.is_disc
     for _ in range(DISC_ROUNDS if discs.any() else 0):
         state = copied(best.views, best.state)
         for c in best.seeing:
@@ -142,12 +142,6 @@ def _moved(best: Solution, shift: Array) -> Solution:
     state.factor[:size, :size], state.factor[size, size] = best.state.factor, 1.0
     place_cameras(views.sights, state)
     return Solution(views, state)
-
-
-def are_discs(best: Solution) -> NDArray[np.bool_]:
-    """(N,) markers whose normal and radius are known."""
-    markers = best.views.planes[0].task.markers
-    return np.isfinite(markers.radius) & np.isfinite(markers.normal).all(axis=1)
 
 
 def _eccentricity(best: Solution, c: int, discs: NDArray[np.bool_]) -> Array:

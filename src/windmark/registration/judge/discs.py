@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from windmark.errors import g2
 from windmark.registration.judge import own
-from windmark.registration.judge.answer import are_discs, away, corrected
+from windmark.registration.judge.answer import away, corrected
 from windmark.registration.judge.verdict import Verdict
 from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.state import EXCESS
@@ -88,7 +88,7 @@ def _grown(best: Solution, final: Solution, limits: Limits) -> str:
         return ""
     plain = accepted(best)
     # Where some discs are unknown, what the pose made up for in all of them is left in these: no evidence.
-    all_known = bool(are_discs(best)[(best.state.match >= 0).any(axis=0)].all())
+    all_known = bool(best.views.planes[0].task.markers.is_disc[(best.state.match >= 0).any(axis=0)].all())
     nats = _worth(plain, final) - _worth(final, plain)
     worse = nats if all_known else 0.0
     if worse <= limits.margin and (_passes(final, limits) or not _passes(plain, limits)):

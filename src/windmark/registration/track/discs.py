@@ -55,7 +55,7 @@ class Discs:
     @staticmethod
     def of(markers: MarkerSet) -> Discs | None:
         """None where there are none."""
-        row = np.flatnonzero(np.isfinite(markers.radius) & np.isfinite(markers.normal).all(axis=1))
+        row = np.flatnonzero(markers.is_disc)
         if not len(row):
             return None
         some = markers.take(row)
