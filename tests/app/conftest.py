@@ -32,7 +32,7 @@ SMALL_BOARD = {"COLUMNS": 10, "ROWS": 8, "SIZE_PX": (680, 540)}
 
 
 FEW_LOOKED_AT = 100
-"""Nodes that tell whether a model throws light on itself: all 1000 of them take a fifth of a paint run, for one remark."""
+"""Nodes that tell whether a model throws light on itself: all 1000 take a seventh of a run, for one remark."""
 
 
 def no_bar(largest, label, height):

@@ -51,9 +51,15 @@ def bare(copy):
     return copy
 
 
+def without_values(folder):
+    """The project maps no picture onto the grid and writes none of it."""
+    edited(folder, ('[values]\ncameras = ["cam1"]\nblack = 64\n', ""), ('grid = ["vtk"]\n', ""))
+
+
 def without_grids(folder):
-    return edited(folder, ('[values]\ncameras = ["cam1"]\nblack = 64\n', ""), ('[[points]]\nfile = "taps.csv"\n', ""),
-                  ('grid = ["vtk"]\n', ""))  # fmt: skip
+    """And has no points on it."""
+    without_values(folder)
+    edited(folder, ('[[points]]\nfile = "taps.csv"\n', ""))
 
 
 def rows(path):

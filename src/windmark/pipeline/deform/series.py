@@ -50,8 +50,8 @@ def _attributes(file: Any, loaded: Loaded, frames: int) -> None:
     file.attrs["length_unit"] = project.length_unit
     options = without_folders(project.model_dump(exclude={"path"}), project.path.resolve().parent)
     file.attrs["history"] = json.dumps(options, default=str)
-    # No frame at all is only told by a dimension without a limit; h5netcdf asks all variables for the size of such a one
-    # each time that it adds one, which took a tenth of a run.
+    # Without a limit only where there is no frame: the size of such a dimension is asked of every variable each
+    # time that one is added, which took a tenth of a short run.
     file.dimensions = {
         "frame": frames or None, "parameter": max(len(names), 1), "motion_axis": 6, "text": 64,
         "station": max(0 if stations is None else len(stations), 1), "camera": len(loaded.test.stations),
