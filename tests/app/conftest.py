@@ -31,6 +31,10 @@ SMALL_BOARD = {"COLUMNS": 10, "ROWS": 8, "SIZE_PX": (680, 540)}
 """A board that still has its rings, dots as large as usual: commands say their radius."""
 
 
+FEW_LOOKED_AT = 100
+"""Nodes that tell whether a model throws light on itself: all 1000 take a seventh of a run, for one remark."""
+
+
 def no_bar(largest, label, height):
     """In place of a film's colour bar, which is drawn in some of these tests and not in others."""
     return np.full((height, 27, 3), 255, np.uint8)
@@ -154,6 +158,7 @@ def without_drawings():
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     from windmark.app import deform_film, deform_report, infrared_pictures, pictures, psp_pictures
+    from windmark.tasks.psp import self_lit
 
     def blank(*_, **__):
         return Figure(figsize=(1, 1))
@@ -172,6 +177,7 @@ def without_drawings():
         patch.setattr(Report, "scene", lambda *_, **__: None)
         patch.setattr(deform_film, "FILM_SIZE", SMALL_FILM_PX)
         patch.setattr(deform_film, "colour_bar", no_bar)
+        patch.setattr(self_lit, "LOOKED_AT", FEW_LOOKED_AT)
         yield
 
 

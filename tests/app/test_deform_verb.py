@@ -41,6 +41,27 @@ def copy(made, tmp_path):
     return folder
 
 
+@pytest.fixture
+def bare(copy):
+    """The same without grids, their values and points, for what is told of frames and cameras: half of a frame's time.
+
+    What becomes of those where a camera or a frame is lost is tried with bad and with dropped frames.
+    """
+    without_grids(copy)
+    return copy
+
+
+def without_values(folder):
+    """The project maps no picture onto the grid and writes none of it."""
+    edited(folder, ('[values]\ncameras = ["cam1"]\nblack = 64\n', ""), ('grid = ["vtk"]\n', ""))
+
+
+def without_grids(folder):
+    """And has no points on it."""
+    without_values(folder)
+    edited(folder, ('[[points]]\nfile = "taps.csv"\n', ""))
+
+
 def rows(path):
     with open(path, newline="") as stream:
         return list(csv.DictReader(stream))
@@ -179,14 +200,17 @@ def test_points_need_a_grid_and_a_table(copy, windmark):
 @pytest.mark.usefixtures("undrawn")
 def test_one_camera_alone_and_cameras_that_move(made, windmark, tmp_path):
     twist = truth(made)[-1][1]
+    folder = tmp_path / "test"
+    shutil.copytree(made, folder, ignore=shutil.ignore_patterns("deformation*"))
+    without_grids(folder)
     for k, options in enumerate((("--camera", "cam1"), ("--moves", "cam2"))):
-        done = windmark("deform", made / "deform.toml", *options, "-o", tmp_path / str(k), "--json")
+        done = windmark("deform", folder / "deform.toml", *options, "-o", tmp_path / str(k), "--json")
         assert done.code == 0, done.err
         last = rows(tmp_path / str(k) / "deformation.csv")[-1]
         assert abs(float(last["wing.twist_2"]) - twist) < 5 * float(last["sigma_wing.twist_2"]) < 0.3
     with xarray.open_dataset(tmp_path / "0" / "deformation.nc") as found:
         assert found.sizes["camera"] == 1
-    wrong = windmark("deform", made / "deform.toml", "--camera", "cam9", "-o", tmp_path / "no")
+    wrong = windmark("deform", folder / "deform.toml", "--camera", "cam9", "-o", tmp_path / "no")
     assert wrong.code == 2
     assert "expected one of cam1, cam2" in wrong.err
 
@@ -225,17 +249,17 @@ def test_a_bad_frame_is_flagged_and_the_next_one_recovers(copy, windmark):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_camera_that_contradicts_the_other_is_left_out_until_it_agrees(copy, windmark):
+def test_a_camera_that_contradicts_the_other_is_left_out_until_it_agrees(bare, windmark):
     """Something else in the first picture of a camera: the test goes on without it, and with it from the next."""
-    edited(copy, ('zero = ["0"]', "zero = []"))
-    image = io.read_image(copy / "images" / "cam2-0000.tif")
-    io.write_image(copy / "images" / "cam2-0000.tif", image[::-1])
-    done = windmark("deform", copy / "deform.toml", "--json")
+    edited(bare, ('zero = ["0"]', "zero = []"))
+    image = io.read_image(bare / "images" / "cam2-0000.tif")
+    io.write_image(bare / "images" / "cam2-0000.tif", image[::-1])
+    done = windmark("deform", bare / "deform.toml", "--json")
     assert done.code == 0, done.err
-    table = rows(copy / "deformation" / "deformation.csv")
+    table = rows(bare / "deformation" / "deformation.csv")
     assert [r["status"] for r in table] == ["cold"] + ["tracked"] * (FRAMES - 1)
     assert table[0]["reason"].startswith("cam2: left out, it contradicts cam1: ")
-    second = [r for r in rows(copy / "deformation" / "cameras.csv") if r["camera"] == "cam2"]
+    second = [r for r in rows(bare / "deformation" / "cameras.csv") if r["camera"] == "cam2"]
     assert [int(r["spots"]) > 20 for r in second] == [False] + [True] * (FRAMES - 1)
     assert second[0]["reason"].startswith("left out")
 
@@ -252,19 +276,19 @@ def turned_by_a_degree(folder):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_camera_that_is_not_where_its_file_says_is_named_by_the_markers_on_walls(copy, windmark):
+def test_a_camera_that_is_not_where_its_file_says_is_named_by_the_markers_on_walls(bare, windmark):
     """The other one measures what it measures by itself."""
-    shutil.copy(copy / "deform.toml", copy / "one.toml")
-    one_camera = edited(copy, (SECOND, ""), name="one.toml")
-    assert windmark("deform", one_camera, "-o", copy / "one", "--json").code == 0
-    turned_by_a_degree(copy)
-    done = windmark("deform", copy / "deform.toml", "-o", copy / "both", "--json")
+    shutil.copy(bare / "deform.toml", bare / "one.toml")
+    one_camera = edited(bare, (SECOND, ""), name="one.toml")
+    assert windmark("deform", one_camera, "-o", bare / "one", "--json").code == 0
+    turned_by_a_degree(bare)
+    done = windmark("deform", bare / "deform.toml", "-o", bare / "both", "--json")
     assert done.code == 0, done.err
     said = done.json["verdict"]
     assert (said["word"], said["cause"]) == ("doubtful", "moved")
     assert "cam2 in frame 0: it is not where it is said to be: 11 markers on walls are" in said["reason"]
-    assert {r["spots"] for r in rows(copy / "both" / "cameras.csv") if r["camera"] == "cam2"} == {"0"}
-    one, both = (rows(copy / name / "deformation.csv") for name in ("one", "both"))
+    assert {r["spots"] for r in rows(bare / "both" / "cameras.csv") if r["camera"] == "cam2"} == {"0"}
+    one, both = (rows(bare / name / "deformation.csv") for name in ("one", "both"))
     for a, b in zip(one, both, strict=True):
         for name in ("wing.bend_2", "shift_y"):
             assert float(a[name]) == pytest.approx(float(b[name]), abs=0.2 * float(a[f"sigma_{name}"]))
@@ -273,15 +297,15 @@ def test_a_camera_that_is_not_where_its_file_says_is_named_by_the_markers_on_wal
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("px", [3, 8])
-def test_a_single_camera_that_was_bumped_measures_nothing(copy, windmark, px):
+def test_a_single_camera_that_was_bumped_measures_nothing(bare, windmark, px):
     """The model alone would fit, with a motion that is the camera's."""
-    edited(copy, (SECOND, ""))
+    edited(bare, (SECOND, ""))
     for k in range(3, FRAMES):
-        name = copy / "images" / f"cam1-{k:04d}.tif"
+        name = bare / "images" / f"cam1-{k:04d}.tif"
         io.write_image(name, np.roll(io.read_image(name), px, axis=1))
-    done = windmark("deform", copy / "deform.toml", "--json")
+    done = windmark("deform", bare / "deform.toml", "--json")
     assert done.code == 0, done.err
-    table = rows(copy / "deformation" / "deformation.csv")
+    table = rows(bare / "deformation" / "deformation.csv")
     assert [r["status"] for r in table] == ["cold", "tracked", "tracked", "lost", "lost", "lost"]
     assert all("it is not where it is said to be" in r["reason"] for r in table[3:])
     assert all(f"are {px} px from their places" in r["reason"] for r in table[3:])
@@ -422,24 +446,24 @@ def test_a_camera_without_a_pose_is_no_station(copy, windmark):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_images_of_another_size_lose_their_camera_only(copy, windmark):
+def test_images_of_another_size_lose_their_camera_only(bare, windmark):
     for k in range(FRAMES):
-        image = io.read_image(copy / "images" / f"cam2-{k:04d}.tif")
-        io.write_image(copy / "images" / f"cam2-{k:04d}.tif", image[:, :300])
-    done = windmark("deform", copy / "deform.toml", "--json")
+        image = io.read_image(bare / "images" / f"cam2-{k:04d}.tif")
+        io.write_image(bare / "images" / f"cam2-{k:04d}.tif", image[:, :300])
+    done = windmark("deform", bare / "deform.toml", "--json")
     assert (done.code, done.json["lost"]) == (0, 0)
-    reason = rows(copy / "deformation" / "deformation.csv")[0]["reason"]
+    reason = rows(bare / "deformation" / "deformation.csv")[0]["reason"]
     assert "300 x 400 pixels" in reason
 
 
 @pytest.mark.slow
-def test_no_usable_frame_is_a_refusal(copy, windmark):
-    for file in (copy / "images").iterdir():
+def test_no_usable_frame_is_a_refusal(bare, windmark):
+    for file in (bare / "images").iterdir():
         io.write_image(file, np.zeros((400, 640), np.uint8))
-    done = windmark("deform", edited(copy, ('zero = ["0"]', "zero = []")))
+    done = windmark("deform", edited(bare, ('zero = ["0"]', "zero = []")))
     assert done.code == 1
     assert "no frame gave a deformation" in done.err
-    done = windmark("deform", edited(copy, ("zero = []", 'zero = ["0"]')))
+    done = windmark("deform", edited(bare, ("zero = []", 'zero = ["0"]')))
     assert done.code == 2
     assert "no wind-off frame can be used" in done.err
 

@@ -9,6 +9,7 @@ from collections import Counter
 
 import pytest
 from killing import in_child, killed_at
+from test_deform_verb import without_grids
 
 from windmark import io
 from windmark.app import series_folder
@@ -24,11 +25,19 @@ WITH_TIMES = ("deformation.csv", "deformation.nc", "report.html", "summary.json"
 
 
 @pytest.fixture(scope="module")
-def made(bending, tmp_path_factory):
+def of_grids(bending, tmp_path_factory):
     folder = bending(FRAMES, tmp_path_factory.mktemp("live"))
     text = (folder / "deform.toml").read_text()
     assert 'zero = ["0", "1"]' in text
     (folder / "deform.toml").write_text(text.replace('zero = ["0", "1"]', 'zero = ["0"]'))  # each costs as three others
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(of_grids, tmp_path_factory):
+    """The same without grids, their values and points, where no file of these is asked for: half of a frame's time."""
+    folder = shutil.copytree(of_grids, tmp_path_factory.mktemp("few") / "test")
+    without_grids(folder)
     return folder
 
 
@@ -48,12 +57,13 @@ def untimed(path):
         return [{k: v for k, v in row.items() if k != "seconds"} for row in csv.DictReader(stream)]
 
 
-def test_killed_amid_its_frames_and_resumed_it_is_the_same_as_undisturbed(made, whole, windmark, tmp_path):
+def test_killed_amid_its_frames_and_resumed_it_is_the_same_as_undisturbed(of_grids, windmark, tmp_path):
     """Bytes of every table, also of what became of every file; the manifest named the run's own journal as an input."""
-    out = tmp_path / "out"
-    killed_at(out, 3, lambda: windmark(*command(made, out)))
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    assert windmark(*command(of_grids, whole)).code == 0
+    killed_at(out, 3, lambda: windmark(*command(of_grids, out)))
     assert 3 <= measured(out) < FRAMES
-    done = windmark(*command(made, out), "--resume")
+    done = windmark(*command(of_grids, out), "--resume")
     assert done.code == 0, done.err
     files = {p.relative_to(whole) for p in whole.rglob("*") if p.is_file()}
     assert {p.relative_to(out) for p in out.rglob("*") if p.is_file()} == files

@@ -32,8 +32,7 @@ def series_content(loaded: Loaded, table: FrameTable, rows: Sequence[FrameRecord
 
     stream = streams.BytesIO()
     with h5netcdf.File(stream, "w") as file:
-        _attributes(file, loaded)
-        file.resize_dimension("frame", len(rows))
+        _attributes(file, loaded, len(rows))
         for name, dims, values, about in _variables(loaded, table, rows):
             values = np.asarray(values)
             fill = NO_STAMP if name == "time_stamp" else np.nan if values.dtype.kind == "f" else None
@@ -44,15 +43,17 @@ def series_content(loaded: Loaded, table: FrameTable, rows: Sequence[FrameRecord
     return stream.getvalue()
 
 
-def _attributes(file: Any, loaded: Loaded) -> None:
+def _attributes(file: Any, loaded: Loaded, frames: int) -> None:
     project, stations, names = loaded.project, loaded.stations, loaded.test.volumes.names
     file.attrs["title"] = project.title
     file.attrs["source"] = f"windmark {windmark.__version__}"
     file.attrs["length_unit"] = project.length_unit
     options = without_folders(project.model_dump(exclude={"path"}), project.path.resolve().parent)
     file.attrs["history"] = json.dumps(options, default=str)
+    # Without a limit only where there is no frame: the size of such a dimension is asked of every variable each
+    # time that one is added, which took a tenth of a short run.
     file.dimensions = {
-        "frame": None, "parameter": max(len(names), 1), "motion_axis": 6, "text": 64,
+        "frame": frames or None, "parameter": max(len(names), 1), "motion_axis": 6, "text": 64,
         "station": max(0 if stations is None else len(stations), 1), "camera": len(loaded.test.stations),
     }  # fmt: skip
 
