@@ -228,3 +228,16 @@ def test_derivatives_are_those_of_the_values_that_are_asked_for(kept, monkeypatc
     for state in (case.start, case.truth):
         units, fresh = problem.units(state), NetworkProblem(case.network, case.start).units(state)
         np.testing.assert_array_equal(units.frame_pivot, fresh.frame_pivot)
+
+
+def test_a_root_where_rounding_has_left_nothing_of_a_pose():
+    """Of a pose that few marks hold the own part may have lost its sign."""
+    problem, _, system = solved(networks.make(12, points=15, eliminate="frames"))
+    cov = network_covariance(system, problem.layout)
+    value, axes = np.linalg.eigh(cov.own)
+    value[0] *= [-1e-12, 1.0, 1.0, 1.0, 1.0, 1.0]
+    cov = replace(cov, own=(axes * value[:, None, :]) @ axes.transpose(0, 2, 1))
+    vectors = np.random.default_rng(1).normal(size=(len(cov.dense) + cov.half.shape[0], 3))
+    roots = cov.rooted(vectors)
+    want = vectors.T @ cov.product(vectors)
+    np.testing.assert_allclose(sum(r.T @ r for r in roots), want, rtol=1e-6, atol=1e-6 * np.abs(want).max())

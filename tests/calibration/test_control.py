@@ -295,7 +295,7 @@ def test_of_solutions_that_leave_markers_alone_the_one_that_explains_most_is_tak
 
 
 def test_half_of_the_pictures_are_not_left_out(case):
-    """Which half is the wrong one nobody can tell."""
+    """Which half is the wrong one nobody can tell, but which pictures are of one half."""
     net = case.network
     change = np.where(np.arange(10) < 5, 0.01, 0.0)
     truth = replace(case.truth, change=np.outer(change, [1.0, 0.0, 0.0]))
@@ -304,7 +304,10 @@ def test_half_of_the_pictures_are_not_left_out(case):
     network = replace(net, view=net.view[inside], point=net.point[inside], xy=xy, cov=net.cov[inside])
     result = run(networks.Case(network, truth, case.start), datum=Free())
     assert result.dropped == {}
-    assert any(d.cause == "focal" for d in result.doubts)
+    assert [d.cause for d in result.doubts] == ["mixed"]
+    names_of = [f"v{v:02d}" for v in range(10)]
+    assert list(result.doubts[0].names) in (names_of[:5], names_of[5:])
+    assert "at another zoom or focus" in str(result.doubts[0])
 
 
 def test_names_with_braces_are_names(case):

@@ -57,6 +57,18 @@ def test_two_cameras_are_told_apart(second):
     np.testing.assert_allclose(focal, [1500, 1540], atol=2.0)
 
 
+@pytest.mark.parametrize(
+    "change", [{"cx": 797.0}, pytest.param({"cx": 795.0, "cy": 610.0}, marks=pytest.mark.slow), {"k1": -0.2}]
+)
+def test_cameras_that_differ_by_less_than_one_that_focuses_anew(change):
+    """Two groups, and nothing within them: no lens that scatters from picture to picture makes such (turned pictures,
+    another lens of the same make).
+    """
+    result = calibrated([replace(ONE, **change) if k % 2 else ONE for k in range(12)])
+    assert causes(result) == ["mixed"]
+    assert set(result.doubts[0].names) in ({f"v{k}" for k in range(0, 12, 2)}, {f"v{k}" for k in range(1, 12, 2)})
+
+
 @pytest.mark.slow
 def test_cameras_so_different_that_nothing_fits():
     """A refusal says why, too."""
@@ -78,6 +90,16 @@ def test_a_lens_that_focuses_by_itself_is_no_two_cameras(seed, size):
     result = calibrated([replace(ONE, focal_px=1500.0 * (1 + c)) for c in change])
     assert "mixed" not in causes(result)
     assert {"focal", "principal"} & set(causes(result))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [1.0, 2.0, 5.0])
+def test_a_stabilised_lens_is_no_two_cameras(size):
+    """Every picture has a principal point of its own."""
+    shift = np.random.default_rng(7).normal(0, size, (12, 2))
+    result = calibrated([replace(ONE, cx=ONE.cx + x, cy=ONE.cy + y) for x, y in shift])
+    assert "mixed" not in causes(result)
+    assert {"focal", "principal", "sheared", "picture"} & set(causes(result))
 
 
 def test_one_foreign_picture_is_foreign():

@@ -135,6 +135,24 @@ def test_too_few_pictures_cannot_be_halved():
     assert not half or half.comparison.ratio > 0
 
 
+def test_a_single_picture_has_no_halves():
+    """Of a known target one is enough; nothing warns on the way."""
+    rng, camera = np.random.default_rng(3), Camera((1500, 1000), 1600.0)
+    xyz = rng.uniform(-1.0, 1.0, (40, 3)) * [200.0, 150.0, 60.0]
+    xy = camera.project(Pose.look_at([200.0, 100.0, 900.0], [0, 0, 0], [0, 1, 0]).apply(xyz))[0]
+    marks = Observations(
+        np.zeros(40, int), np.arange(40), xy + rng.normal(0, 0.05, xy.shape), np.tile(0.0025 * np.eye(2), (40, 1, 1))
+    )
+    result = self_calibrate(
+        marks, MarkerSet.make([f"m{i:02d}" for i in range(40)], xyz), {"cam": camera}, [View("v00", "cam")],
+        datum=Fixed(), free=["focal_px"],
+    )  # fmt: skip
+    assert result
+    half = split_half(result)
+    assert not half
+    assert (half.cause, half.reason) == ("too_few", "a single picture has no halves")
+
+
 def test_calibrations_without_common_markers_are_refused():
     a, b = calibrated(58), calibrated(59)
     other = replace(b, markers=replace(b.markers, name=np.array([f"n{i}" for i in range(40)])))

@@ -19,7 +19,7 @@ from windmark.calibration.datum import Fixed, Free, Weighted
 from windmark.calibration.eccentric import fitting, with_eccentricity
 from windmark.calibration.finish import refuse_weak, transformed
 from windmark.calibration.hypotheses import contradicted
-from windmark.calibration.setup import Job, frames_of, views_of
+from windmark.calibration.setup import Job, frames_of, taking_part, views_of
 from windmark.calibration.solve import Solved
 from windmark.errors import WindmarkError, g2, g3
 from windmark.geometry import Pose, triangulate
@@ -112,6 +112,8 @@ def _alone(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -
     if isinstance(job.datum, Free) and not job.distances:
         return None
     job = replace(job, datum=Free(), distances=(), solver="newton")
+    if not taking_part(job, good)[0].any():
+        return None  # a single picture of a known target
     try:
         solved = every_mark(job, state, good, options)
         if not (solved.report.converged and solved.redundancy > 0 and solved.sigma0 <= options["max_sigma0"]):

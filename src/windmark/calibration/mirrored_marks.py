@@ -33,7 +33,9 @@ def mirrored_refusal(
     Notes
     -----
     By their rough markers alone the pictures are told that have a better pose mirrored; that they are is said only
-    where the whole network agrees with these mirrored. y counted upward is a mirror image, too, turned by half a turn.
+    where the whole network agrees with these mirrored, and they do not fit it as they are: of flat markers the mirror
+    image is as good, and another start may have found what the first one missed. y counted upward is a mirror image,
+    too, turned by half a turn.
     """
     fits = refusal.sigma0 <= FITS
     misfit = refusal.cause in ("misfit", "not_converged") or (refusal.cause == "degenerate" and not fits)
@@ -43,7 +45,8 @@ def mirrored_refusal(
     if not turned:
         return refusal
     # The ellipses of discs would only say the same.
-    if not isinstance(again(replace(job, observations=_mirrored(job, turned), ellipses=None)), Calibration):
+    found = again(replace(job, observations=_mirrored(job, turned), ellipses=None))
+    if not isinstance(found, Calibration) or not _mirrored_only(job, found, turned, seed):
         return refusal
     names = [job.views[v].name for v in sorted(turned)]
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
@@ -71,6 +74,23 @@ def _better_mirrored(job: Job, seed: int) -> set[int]:
             off.append(np.array([start_poses(camera, [m], scan_focal=scan, rng=rng)[2][0] for m in marks]))
         out |= {v for v, a, b in zip(mine, *off, strict=True) if b < BETTER * a}
     return out
+
+
+def _mirrored_only(job: Job, found: Calibration, views: set[int], seed: int) -> bool:
+    """Whether no view fits the network that was found with them mirrored about as well as it is."""
+    known = {str(name): xyz for name, xyz in zip(found.markers.name, found.markers.xyz, strict=True)}
+    there = np.array([str(name) in known for name in job.markers.name])
+    xyz = np.array([known.get(str(name), np.full(3, np.nan)) for name in job.markers.name])
+    obs, used = job.observations, there[job.observations.point]
+    for v in views:
+        mine, camera = used & (obs.view == v), found.cameras[job.views[v].camera]
+        as_is, turned = (
+            start_poses(camera, [(xy[mine], xyz[obs.point[mine]])], scan_focal=False, rng=np.random.default_rng(seed))
+            for xy in (obs.xy, _mirrored(job, {v}).xy)
+        )
+        if not turned[2][0] < BETTER * as_is[2][0]:
+            return False
+    return True
 
 
 def _mirrored(job: Job, views: set[int]) -> Observations:

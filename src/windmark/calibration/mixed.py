@@ -14,10 +14,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from windmark.calibration.changed_scene import SURE
 from windmark.calibration.result import Calibration, NotCalibrated
 from windmark.calibration.setup import Job
 from windmark.calibration.solve import Solved
-from windmark.calibration.view_changes import ANEW, equations_of
+from windmark.calibration.view_changes import ANEW, DISTORTION, FOCAL, PRINCIPAL_POINT, equations_of
 from windmark.errors import plus_minus
 from windmark.scene import Doubt
 
@@ -27,23 +28,30 @@ Mask = NDArray[np.bool_]
 LEAST_VIEWS = 2
 """Pictures of each camera: a single one is `foreign`."""
 DIFFER, REFOCUSED = 6.0, 3.0
-"""Their focal lengths or principal points differ by so many sigmas, and by so many times what a camera's do that
-focuses anew (`ANEW`): pictures of such a one fall into two groups by chance."""
+"""Their focal lengths, principal points or distortions differ by so many sigmas, and the former by so many times what a
+camera's do that focuses anew (`ANEW`), or as only two groups do (`_divided`): pictures of such a one fall into two by
+chance."""
 NAMED = 8
 """Pictures that are named at most."""
-INTERIOR = ("focal_px", "cx", "cy")
+INTERIOR = ("focal_px", "cx", "cy", "k1")
+KINDS = np.r_[FOCAL, PRINCIPAL_POINT, DISTORTION]
+"""Of the changes of a view, those that tell two cameras: a shear is of single pictures."""
+SCATTERED = ((0,), (1, 2), (0, 1, 2), (3,))
+"""Of these, what may scatter from picture to picture in a lens that is loose or focuses by itself."""
+SCATTER = np.geomspace(1e-6, 0.1, 61)
+"""1 sigma of such a scatter: of focal lengths and principal points as parts of the focal length, of k1."""
 OTHER = "another camera"
-PATTERNS = ("sheared", "scene")
-"""Causes of doubts about what looks, in single pictures or half of them, like what two cameras make."""
-CONSEQUENCES = ("focal", "principal", "picture", "marker", "focus", *PATTERNS)
+PATTERNS = ("focal", "principal", "distorted", "sheared", "scene")
+"""Causes of doubts about what looks, in single pictures or many, like what two cameras make."""
+CONSEQUENCES = ("picture", "marker", "focus", *PATTERNS)
 """Causes of doubts that two cameras under one name bring about."""
-ASKING = ("focal", "principal", "picture", *PATTERNS)
+ASKING = ("picture", *PATTERNS)
 """Those of pictures that contradict the others of their camera."""
 
 
 def likely_mixed(result: Calibration) -> bool:
-    """Whether pictures differ in a way that two cameras may explain as well: several are sheared, the scene changed."""
-    return any(d.cause in PATTERNS and (len(d.names) != 1) for d in result.doubts)
+    """Whether pictures differ in a way that two cameras may explain as well; one alone may be but the worst of them."""
+    return any(d.cause in PATTERNS for d in result.doubts)
 
 
 def two_cameras(job: Job, solved: Solved, again: Callable[[Job], Calibration | NotCalibrated]) -> Doubt | None:
@@ -70,12 +78,14 @@ def two_cameras(job: Job, solved: Solved, again: Callable[[Job], Calibration | N
         return None
     if any(d.cause in ASKING for d in found.doubts):
         return None  # of a lens that focuses by itself pictures ask for a focal length of their own still
-    if not any(_differ(found, name, p) for p in INTERIOR):
+    apart = [p for p in INTERIOR if _differ(found, name, p)]
+    one, two = found.cameras[name], found.cameras[OTHER]
+    far = any(abs(getattr(two, p) - getattr(one, p)) > REFOCUSED * ANEW * one.focal_px for p in apart if p != "k1")
+    if not apart or not (far or _divided(solved, second, max(1.0, found.sigma0) ** 2)):
         return None
     fewer, more = sorted((OTHER, name), key=lambda n: sum(v.camera == n for v in found.views))
     names = tuple(v.name for v in found.views if v.camera == fewer)
     listed = ", ".join(["{}"] * min(len(names), NAMED)) + (f" and {len(names) - NAMED} more" * (len(names) > NAMED))
-    apart = [p for p in INTERIOR if _differ(found, name, p)]
     what = "at another zoom or focus" if apart == ["focal_px"] else "of another camera"
     words = (
         f"{listed} look like pictures {what} than the other {len(found.views) - len(names)}: "
@@ -94,10 +104,39 @@ def with_mixed(result: Calibration | NotCalibrated, doubt: Doubt) -> Calibration
 
 
 def _differ(found: Calibration, name: str, p: str) -> bool:
-    """Whether a parameter differs surely, and by more than one camera's that focuses anew."""
-    one, other = found.cameras[name], found.cameras[OTHER]
-    least = max(DIFFER * np.hypot(found.sigma(OTHER, p), found.sigma(name, p)), REFOCUSED * ANEW * one.focal_px)
-    return bool(found.sigma(name, p) and abs(getattr(other, p) - getattr(one, p)) > least)
+    """Whether a parameter differs surely."""
+    sigma = np.hypot(found.sigma(OTHER, p), found.sigma(name, p))
+    off = abs(getattr(found.cameras[OTHER], p) - getattr(found.cameras[name], p))
+    return bool(found.sigma(name, p) and off > DIFFER * sigma)
+
+
+def _divided(solved: Solved, second: Mask, scale: float) -> bool:
+    """Whether two groups explain the marks clearly better than changes that scatter normally from view to view.
+
+    Scattered by s, the changes of all views have the likelihood ln L = sum (s^2 c^2 / (1 + s^2 v) - ln(1 + s^2 v)) / 2
+    beside none, with v and c the eigenvalues of b^T Q b and the score along its axes; two groups have that of their
+    difference alone, less what as many idle unknowns are worth (BIC), and 1 / 2^V of it, for each view may be of
+    either. Where changes do scatter, a ratio of `SURE` is met with a probability below `FALSE` (Ville's inequality).
+
+    Parameters
+    ----------
+    second : (V,) views of the second camera
+    scale : variance of unit weight, where each group has a camera
+    """
+    equations = equations_of(solved)
+    every, score = equations.every[:, KINDS][..., KINDS] / scale, equations.score[:, KINDS] / scale
+    idle = len(KINDS) * np.log(2 * solved.used.sum())
+    groups = (_explained(every, score, second) - idle) / 2 - len(second) * np.log(2.0)
+    focal = float(np.median([c.focal_px for c in solved.state.cameras]))
+    unit, scattered = np.array([1.0, focal, focal, 1.0]), 0.0
+    for kinds in map(list, SCATTERED):
+        power = every[:, kinds][..., kinds] * unit[kinds][:, None, None] * unit[kinds]
+        value, axes = np.linalg.eigh(power.reshape(len(second) * len(kinds), -1))
+        along = (score[:, kinds] * unit[kinds]).ravel() @ axes
+        each = SCATTER[:, None] ** 2
+        beside = 1 + each * np.maximum(value, 0.0)
+        scattered = max(scattered, float((each * along**2 / beside - np.log(beside)).sum(axis=1).max()) / 2)
+    return groups - scattered > SURE / 2
 
 
 def _interior(found: Calibration, name: str) -> str:
@@ -110,19 +149,12 @@ def _division(solved: Solved) -> tuple[NDArray[np.int64], Mask]:
     """Views (V,), and which of them (V,) are of a second camera, so that most of the residuals is explained."""
     equations = equations_of(solved)
     count = len(equations.views)
-    # Two cameras differ in focal length and principal point; a shear is of single pictures.
-    every, score = equations.every[:, :3, :, :3], equations.score[:, :3]
-
-    def explained(second: Mask) -> float:
-        own = every[second][:, :, second].sum(axis=(0, 2))
-        pull = score[second].sum(axis=0)
-        return float(pull @ np.linalg.pinv(own, hermitian=True) @ pull)
-
+    every, score = equations.every[:, KINDS][..., KINDS], equations.score[:, KINDS]
     best, most = np.zeros(count, dtype=bool), 0.0
     for start in _starts(every, score):
-        second, now = start, explained(start)
+        second, now = start, _explained(every, score, start)
         for _ in range(count):  # one view at a time changes sides, as long as that explains more
-            tried = [explained(second ^ (np.arange(count) == n)) for n in range(count)]
+            tried = [_explained(every, score, second ^ (np.arange(count) == n)) for n in range(count)]
             n = int(np.argmax(tried))
             if not tried[n] > now:
                 break
@@ -132,8 +164,15 @@ def _division(solved: Solved) -> tuple[NDArray[np.int64], Mask]:
     return equations.views, best
 
 
+def _explained(every: Array, score: Array, second: Mask) -> float:
+    """By how much the sum of squares falls with changes that the ``second`` (V,) views have together."""
+    own = every[second][:, :, second].sum(axis=(0, 2))
+    pull = score[second].sum(axis=0)
+    return float(pull @ np.linalg.pinv(own, hermitian=True) @ pull)
+
+
 def _starts(every: Array, score: Array) -> list[Mask]:
-    """Divisions of the views along what each asks for alone: of its focal length, and of its principal point."""
+    """Divisions of the views along what each asks for alone: of its focal length, its principal point, ..."""
     blocks = every[np.arange(len(score)), :, np.arange(len(score))]
     asked = np.einsum("vkl,vl->vk", np.linalg.pinv(blocks, hermitian=True), score)
     return [column > cut for column in asked.T for cut in np.unique(np.quantile(column, (0.25, 0.5, 0.75)))]

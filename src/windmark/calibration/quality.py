@@ -189,6 +189,8 @@ def split_half(result: Calibration, *, seed: int = 0) -> SplitHalf | NotCalibrat
     frames. Where a half is too small for a calibration its `NotCalibrated` comes back.
     """
     frames = list(dict.fromkeys(v.frame if result.options["rig"] else v.name for v in result.views))
+    if len(frames) < 2:
+        return NotCalibrated("a single picture has no halves", "too_few")
     order = np.random.default_rng(seed).permutation(len(frames))
     halves = []
     for part in (0, 1):

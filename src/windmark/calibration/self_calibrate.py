@@ -220,7 +220,7 @@ def _attempt(
     if not isinstance(others, Calibration):
         return _of_two_cameras(job, outcome, whole, options, seed)
     found = without(others, {job.views[v].name: focal for v, focal in foreign.items()}) if foreign else others
-    mixed = _of_two_cameras(job, outcome, whole, options, seed) if likely_mixed(found) else outcome
+    mixed = _of_two_cameras(job, outcome, whole, options, seed) if len(foreign) > 1 or likely_mixed(found) else outcome
     return mixed if mixed is not outcome else found
 
 

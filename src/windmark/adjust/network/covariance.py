@@ -116,7 +116,11 @@ class NetworkCovariance:
         low = vectors[len(self.dense) :]
         if not low.size:
             return low
-        root = np.linalg.cholesky(self.own).transpose(0, 2, 1)
+        try:
+            root = np.linalg.cholesky(self.own).transpose(0, 2, 1)
+        except np.linalg.LinAlgError:  # as there: a pose that few marks hold, nearly on a line or far away
+            value, axes = np.linalg.eigh(self.own)
+            root = np.sqrt(np.maximum(value, 0.0))[:, :, None] * axes.transpose(0, 2, 1)
         return np.asarray((root @ low.reshape(*self.own.shape[:2], -1)).reshape(low.shape))
 
     def _root_of_dense(self, left: Array) -> Array:
