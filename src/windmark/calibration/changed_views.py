@@ -69,12 +69,11 @@ def change_doubts(job: Job, solved: Solved, alone: Solved | None = None, *, misf
     ``alone``: the same pictures without known markers. A table of the wrong shape bends the network, and pictures seem
     to ask for shears or another scene, of which their marks know nothing. ``misfit``: that is known and said already.
     """
-    said = _differing(job, solved)
-    own = said and alone is not None and _differing(replace(job, datum=Free(), distances=()), alone)
-    if own:
+    said, asking = _differing(job, solved)
+    if said and alone is not None and (own := _differing(replace(job, datum=Free(), distances=()), alone)[0]):
         return own
     if not said or (alone is not None and misfit):
-        return _unchecked(job, solved, changes(job, solved))
+        return _unchecked(job, solved, asking)
     (doubt,) = said
     if alone is None or doubt.cause == HELD:
         return said
@@ -85,17 +84,18 @@ def change_doubts(job: Job, solved: Solved, alone: Solved | None = None, *, misf
     return (Doubt(doubt.names, words, "table"),)
 
 
-def _differing(job: Job, solved: Solved) -> tuple[Doubt, ...]:
-    """What the marks of pictures say against these, one doubt at most."""
+def _differing(job: Job, solved: Solved) -> tuple[tuple[Doubt, ...], dict[str, Asked]]:
+    """What the marks of pictures say against these, one doubt at most, and what of `changes` they ask for."""
     equations = equations_of(solved)
-    kind, most = asked_most(changes(job, solved, equations))
+    asking = changes(job, solved, equations)
+    kind, most = asked_most(asking)
     scene = changed_scene(job, solved)
     wrong = held_wrongly(job, solved, equations, differ=bool(kind or scene))
     if wrong is not None and wrong.lead > max(most.lead if kind else 0.0, scene.lead if scene else 0.0):
-        return (wrong.doubt(),)
+        return (wrong.doubt(),), asking
     if scene is not None and (not kind or scene.lead > most.lead):
-        return (scene.doubt(job.markers.length_unit),)
-    return (_said(most, kind),) if kind else ()
+        return (scene.doubt(job.markers.length_unit),), asking
+    return ((_said(most, kind),) if kind else ()), asking
 
 
 def _unchecked(job: Job, solved: Solved, asking: Mapping[str, Asked]) -> tuple[Doubt, ...]:
