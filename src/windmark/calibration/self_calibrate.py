@@ -18,6 +18,7 @@ from windmark.calibration.datum import Datum, Distance
 from windmark.calibration.eccentric import radii_off
 from windmark.calibration.finish import calibration, refuse_weak
 from windmark.calibration.foreign import contradicting, most_foreign, of_its_own, without
+from windmark.calibration.lens_known import with_coefficients_told
 from windmark.calibration.mirrored_marks import mirrored_refusal
 from windmark.calibration.mixed import likely_mixed, two_cameras, with_mixed
 from windmark.calibration.result import Calibration, NotCalibrated
@@ -77,7 +78,8 @@ def self_calibrate(
     views : each with the name of its camera; a pose is found where ``cam_from_model`` is None
     datum : `Fixed`, `Weighted` or `Free`; no default
     free : interior parameters to find, of `geometry.PARAMETERS`; all cameras alike, but for what a camera's lens lacks.
-        None: focal length, aspect, principal point and the coefficients of the lenses (`FREE_OF`)
+        None: focal length, aspect, principal point and the coefficients of the lenses (`FREE_OF`); of a rational lens
+        as many of these as the marks tell apart, the others stay as they are
     distances : known distances, which give a free network its scale
     rig : views with the same ``frame`` were taken at once by cameras that do not move against each other
     free_focal : views whose focal length may differ from that of their camera, as the focus distance did (Fig. 6)
@@ -129,6 +131,7 @@ def self_calibrate(
         cameras=(cameras, by_name(Camera, single=False)), views=(views, list_of(View)),
     )  # fmt: skip
     ECCENTRICITY.check(eccentricity, "self_calibrate")
+    usual = free is None
     if free is None:
         free = usual_free(_in_use(cameras, views).values())
     options: dict[str, Any] = {
@@ -150,7 +153,14 @@ def self_calibrate(
         reason = "no view has four marks of markers that are seen at least twice"
         return NotCalibrated(reason, "too_few", dropped=dropped, options=options)
     with single_thread(6 * len(job.views)):
-        return _best_of_starts(job, options)
+        outcome = _best_of_starts(job, options)
+        if not usual:
+            return outcome
+
+        def again(fewer: tuple[str, ...]) -> Calibration | NotCalibrated:
+            return _best_of_starts(replace(job, free=fewer), {**options, "free": fewer})
+
+        return with_coefficients_told(outcome, job.cameras, job.free, again, len(observations))
 
 
 def usual_free(cameras: Iterable[Camera]) -> tuple[str, ...]:
