@@ -46,12 +46,52 @@ def test_a_marker_that_the_first_poses_cannot_see_joins_later():
     same(found, calibrated(case, case.truth.points, 1.0, posed=True))
 
 
-def test_a_start_given_by_the_user_without_images_is_an_error():
+def test_a_marker_that_poses_given_by_the_user_cannot_see_joins_later_too():
     case = networks.make(108, points=30, views=10)
     rough = case.start.points.copy()
     rough[3] += [0, 0, 4000.0]
-    with pytest.raises(ValueError, match="behind a camera"):
-        calibrated(case, rough, 1.0, posed=True)
+    found = calibrated(case, rough, 1.0, posed=True)
+    assert found
+    assert len(found.used) == len(case.network.view)
+    same(found, calibrated(case, case.truth.points, 1.0, posed=True))
+
+
+def test_a_start_in_which_no_camera_sees_anything_is_refused():
+    case = networks.make(108, points=30, views=10)
+    found = calibrated(case, case.start.points + np.array([0, 0, 4000.0]), 1.0, posed=True)
+    assert not found
+    assert found.cause == "degenerate"
+    assert "in front of the camera" in found.reason
+
+
+@pytest.mark.parametrize("posed", [True, False])
+def test_a_mark_of_a_marker_behind_its_camera_is_left_out_and_said(posed):
+    """Cameras in the middle of a room; labels of some marks are those of markers on the wall behind."""
+    rng = np.random.default_rng(3)
+    xyz = rng.uniform(-1, 1, (120, 3))
+    wall = rng.integers(0, 3, 120)
+    xyz[np.arange(120), wall] = np.sign(xyz[np.arange(120), wall])
+    camera = Camera((1200, 900), 600.0, k1=-0.03)
+    poses = [Pose.look_at(eye, rng.normal(size=3), rng.normal(size=3)) for eye in rng.uniform(-0.3, 0.3, (24, 3))]
+    seen = [camera.project(pose.apply(xyz)) for pose in poses]
+    view, point = np.nonzero([valid & camera.in_image(xy) for xy, valid in seen])
+    xy = np.array([seen[v][0][p] for v, p in zip(view, point, strict=True)]) + rng.normal(0, 0.1, (len(view), 2))
+    behind = {}
+    often = np.argsort(-np.bincount(point, minlength=120))
+    for v in (2, 9):
+        far = next(p for p in often if poses[v].apply(xyz[p])[2] < -0.4)
+        behind[f"m{far} in v{v}"] = at = np.flatnonzero(view == v)[1]
+        point[at] = far
+    marks = Observations(view, point, xy, np.tile(0.01 * np.eye(2), (len(view), 1, 1)))
+    views = [View(f"v{v}", "cam", cam_from_model=pose if posed else None) for v, pose in enumerate(poses)]
+    rough = MarkerSet.make([f"m{k}" for k in range(120)], xyz + rng.normal(0, 0.003, (120, 3)))
+    found = self_calibrate(marks, rough, {"cam": Camera((1200, 900), 620.0)}, views, datum=Free())
+    assert found
+    assert {name for name, why in found.dropped.items() if "behind the camera" in why} == set(behind)
+    assert len(found.used) == len(view) - sum("one view" in why for why in found.dropped.values()) - len(behind)
+    assert found.used.all()
+    camera = found.cameras["cam"]
+    assert abs(camera.focal_px - 600) < 4 * np.sqrt(camera.cov[0, 0])
 
 
 def test_a_start_that_leads_nowhere_is_a_misfit_not_a_weak_lens():

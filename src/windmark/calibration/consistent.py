@@ -230,22 +230,17 @@ def _misfit(job: Job, verdict: Verdict, cleaned: bool) -> Doubt:
 
 
 def every_mark(job: Job, state: NetworkState, good: Mask, options: dict[str, Any]) -> Solved:
-    """Adjust the good marks; those that a first pose found here cannot see join once the others are adjusted."""
-    given = np.array([v.cam_from_model is not None for v in job.views])[job.observations.view]
-    seen = good & (given | _imaged(job, state, ~given))
-    solved = with_eccentricity(job, state, seen, options)
-    if (seen == good).all() or not solved.report.converged:
+    """Adjust the good marks; markers that no camera could see where they started join once the others are adjusted."""
+    solved, point = with_eccentricity(job, state, good, options), job.observations.point
+    lost = np.setdiff1d(point[taking_part(job, good)[0]], point[solved.taken])
+    if not len(lost) or not solved.report.converged:
         return solved
-    state = _placed(job, solved, good)
-    return with_eccentricity(job, state, good & _imaged(job, state, good), options)
+    return with_eccentricity(job, _placed(job, solved, good, lost), good, options)
 
 
-def _placed(job: Job, solved: Solved, good: Mask) -> NetworkState:
+def _placed(job: Job, solved: Solved, good: Mask, lost: NDArray[np.int64]) -> NetworkState:
     """Markers that took no part, for no camera could see them at their rough place, go where their marks say."""
     obs, state = job.observations, solved.state
-    lost = np.unique(obs.point[good & ~np.isin(obs.point, obs.point[solved.taken])])
-    if not len(lost):
-        return state
     xy = np.full((len(job.views), len(lost), 2), np.nan)
     mine = good & np.isin(obs.point, lost)
     xy[obs.view[mine], np.searchsorted(lost, obs.point[mine])] = obs.xy[mine]
@@ -255,13 +250,3 @@ def _placed(job: Job, solved: Solved, good: Mask) -> NetworkState:
     points[lost[found.valid]] = found.xyz[found.valid]
     return replace(state, points=points)
 
-
-def _imaged(job: Job, state: NetworkState, asked: Mask) -> Mask:
-    """(O,) marks among those asked for whose marker has an image in their view."""
-    obs, out = job.observations, np.zeros(len(job.observations), dtype=np.bool_)
-    if not asked.any():
-        return out
-    for v, (camera, pose) in enumerate(views_of(job, state)):
-        mine = asked & (obs.view == v)
-        out[mine] = camera.project(pose.apply(state.points[obs.point[mine]]))[1]
-    return out

@@ -43,6 +43,7 @@ PLAIN = SolveOptions(max_iterations=8, gradient_tol=1e-4, initial_damping=1e-5)
 PLAIN_FITS = 1e-3
 """Probability of a sum of squares as large, or as small, above which all marks fit as their covariances say. Residuals
 that are smaller than stated may hide gross errors among them, so they are no sign of it either."""
+UNSEEN = "the marker is behind the camera, or beyond its lens: a wrong label, or it moved"
 STEPS = PaperOptions(max_passes=3000)
 NEAR = 0.1
 """Distance of the minimum, in units of the estimate's sigma, within which the paper's steps are said to be there."""
@@ -97,7 +98,11 @@ def solve(job: Job, start: NetworkState, allowed: Mask, shift: Array, reject: bo
         plain = _plain(job, start, allowed, shift) if job.solver == "newton" else None
         if plain is not None:
             return plain
+        # Of a wrong label the marker may be behind the camera: that mark says nothing, and the others go on without it.
+        good = _imaged(job, start, good)
         taken, _ = taking_part(job, good)
+        if not taken.any():
+            raise DegenerateGeometry("no view has four marks whose markers are in front of the camera where it starts")
         state, good[taken] = _robust(job, start, taken, shift)
     else:
         good &= fits
@@ -158,8 +163,8 @@ def _tested(job: Job, state: NetworkState, allowed: Mask, good: Mask, shift: Arr
         taken, dropped = taking_part(job, good)
         if not taken.any():
             raise DegenerateGeometry("no view keeps four marks that fit one solution")
-        left_out = allowed & _predictable(job, taken, good)
-        solved = _adjusted(job, state, taken, left_out, good, shift, dropped)
+        left_out, unseen = _predictable(job, state, taken, allowed & ~good)
+        solved = _adjusted(job, state, taken, left_out, good, shift, dropped | unseen)
         state = solved.state
         if not solved.report.converged:
             return solved, good  # the tests of marks mean nothing there
@@ -288,12 +293,26 @@ def _minimum(
     return state, system, replace(report, reason=reason, converged=there)
 
 
-def _predictable(job: Job, taken: Mask, good: Mask) -> Mask:
-    """Left-out marks of views and markers that take part."""
+def _predictable(job: Job, state: NetworkState, taken: Mask, out: Mask) -> tuple[Mask, dict[str, str]]:
+    """Marks that are ``out`` of views and markers that take part; those that have no image there, with the reason."""
     obs = job.observations
     view, point = np.zeros(len(job.views), dtype=np.bool_), job.held.copy()
     view[obs.view[taken]], point[obs.point[taken]] = True, True
-    return np.asarray(~good & view[obs.view] & point[obs.point])
+    out = out & view[obs.view] & point[obs.point]
+    seen = _imaged(job, state, out)
+    pairs = zip(obs.point[out & ~seen].tolist(), obs.view[out & ~seen].tolist(), strict=True)
+    return seen, {f"{job.markers.name[p]} in {job.views[v].name}": UNSEEN for p, v in pairs}
+
+
+def _imaged(job: Job, state: NetworkState, asked: Mask) -> Mask:
+    """(O,) marks among those asked for whose marker has an image in their view: before the camera, within its lens."""
+    obs, out = job.observations, np.zeros(len(job.observations), dtype=np.bool_)
+    at = views_of(job, state) if asked.any() else []
+    for v in np.unique(obs.view[asked]).tolist():
+        camera, pose = at[v]
+        mine = asked & (obs.view == v)
+        out[mine] = camera.project(pose.apply(state.points[obs.point[mine]]))[1]
+    return out
 
 
 def _one_by_one(job: Job, good: Mask, fits: Mask, solved: Solved) -> Mask:
