@@ -310,6 +310,26 @@ def test_a_large_board_from_near_by_of_which_much_lies_behind_the_camera(tilt, s
     assert result.cam_from_model.angle_to(pose) < 1e-3
 
 
+@pytest.mark.parametrize("seed", [0, 6, 8])
+def test_a_camera_in_the_middle_of_markers_all_round(seed):
+    """As on the walls of a test section: those beside the camera have no place, or one open by 1e12 px and more."""
+    rng = np.random.default_rng(seed)
+    xyz, wall = rng.uniform(-1, 1, (120, 3)), rng.integers(0, 3, 120)
+    xyz[np.arange(120), wall] = np.sign(xyz[np.arange(120), wall])
+    table = MarkerSet.make([f"w{i}" for i in range(120)], xyz * [2.0, 1.5, 1.5], sigma=np.full((120, 3), 1e-4))
+    camera = wm.Camera((1200, 900), 600.0, k1=-0.05, k2=0.01)
+    for eye in rng.uniform(-0.6, 0.6, (3, 3)):
+        pose = wm.Pose.look_at(eye, eye + rng.normal(size=3), rng.normal(size=3))
+        xy, valid = camera.project(pose.apply(table.xyz))
+        seen = np.flatnonzero(valid & camera.in_image(xy))
+        spots = Detections.make(xy[seen] + rng.normal(0, 0.1, (len(seen), 2)), sigma_px=0.1)
+        result = register(spots, table, camera)
+        assert result, result.reason
+        assert (seen[result.matching.detection] == result.matching.marker).all()
+        error = (result.cam_from_model @ pose.inverse()).log()
+        assert error @ np.linalg.solve(result.cov, error) < 27  # 1e-4 by chance
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_one_label_on_a_regular_board_does_not_tell_its_quarter_turns_apart(seed):
     spots, board, camera, labels, _ = part_of_a_board(seed, 1)

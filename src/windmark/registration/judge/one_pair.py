@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from windmark.errors import g2
+from windmark.geometry.rotations import hat
 from windmark.registration import rules
 from windmark.registration.result import Unchecked
 from windmark.registration.settle._kernels.fit import spread_places
@@ -136,7 +137,8 @@ def _open_in_view(best: Solution, placed: State, c: int) -> tuple[int, float]:
     """The marker without a spot that is most open (px, 1 sigma) of those that may be in the picture; 0 px without any.
 
     Of a large board seen from near by and aslant others lie far outside, almost beside the camera, where a millimetre
-    is thousands of pixels.
+    is thousands of pixels; of walls all round, behind it, where there are no pixels at all. That these are not in the
+    picture is told by the directions in which they are.
     """
     sights, state = best.views.sights, best.state
     rest = np.flatnonzero(state.faces[c] & (state.match[c] < 0))
@@ -146,10 +148,31 @@ def _open_in_view(best: Solution, placed: State, c: int) -> tuple[int, float]:
     xy, size = places_kernel(sights, state, c)[rest], sights.size[c]
     outside = np.linalg.norm(np.maximum(np.maximum(-xy, xy - size), 0.0), axis=1)
     away = outside > IN_VIEW * wide  # not where either is unknown
+    away |= _elsewhere(best, c, rest)
     if away.all():
         return -1, 0.0
     worst = int(np.argmax(np.where(away, -1.0, wide)))
     return int(rest[worst]), float(wide[worst])
+
+
+def _elsewhere(best: Solution, c: int, markers: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(K,) which of these markers are in no direction that is in the picture, by as many of its sigmas."""
+    state, sights, camera = best.state, best.views.sights, best.camera(c)
+    xyz = (sights.xyz + best.displacement)[markers]
+    along = xyz @ state.rotations[c].T + state.translations[c]
+    away = np.linalg.norm(along, axis=1)
+    # A turn and a shift of the pose, [rotation about the unit model's middle, translation], move it by J.
+    by_pose = np.concatenate([-hat(xyz @ state.rotation.T), np.broadcast_to(np.eye(3), (len(xyz), 3, 3))], axis=2)
+    cov = by_pose @ best.unit_cov[:6, :6] @ by_pose.transpose(0, 2, 1)
+    cov[:, np.arange(3), np.arange(3)] += sights.sigma[markers] ** 2
+    spread = np.sqrt(np.linalg.eigvalsh(cov)[:, -1])
+    w, h = camera.size_px
+    corner = camera.directions(np.array([[-0.5, -0.5], [w - 0.5, -0.5], [-0.5, h - 0.5], [w - 0.5, h - 0.5]]))
+    if not np.isfinite(corner).all():
+        return np.zeros(len(markers), dtype=np.bool_)
+    widest = float(np.arccos(np.clip(corner[:, 2].min(), -1.0, 1.0)))
+    angle = np.arctan2(np.linalg.norm(along[:, :2], axis=1), along[:, 2])
+    return np.asarray((angle - widest) * away > IN_VIEW * spread)
 
 
 def unheld_pair(best: Solution) -> tuple[int, int, float] | None:
