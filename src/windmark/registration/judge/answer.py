@@ -5,6 +5,7 @@
   again; the eccentricity changes so little with the pose that two rounds are enough.
 - Where few markers hold the pose the least squares are so far from linear that their own sigma is too small by several
   times: a row that waves a little is turned about itself along a curve. The covariance has the second order, too.
+- Errors of the table are the same in all cameras of a rig.
 - The pose of a bent model is that of its root, see `judge.root`. Where a rigid one leaves more than the noise of the
   spots, it may be bent after all, and the covariance of its pose has what that would change.
 """
@@ -21,7 +22,7 @@ from windmark.registration._kernels.growth import _move
 from windmark.registration.judge.root import likeliest, root_of
 from windmark.registration.judge.twins import Weighed
 from windmark.registration.settle._kernels.curve import curve_kernel
-from windmark.registration.settle._kernels.project import place_cameras
+from windmark.registration.settle._kernels.project import place_cameras, room_for, see
 from windmark.registration.settle._kernels.settle import accept_kernel
 from windmark.registration.settle.settling import accepted, copied
 from windmark.registration.settle.solution import Solution
@@ -61,10 +62,9 @@ def answer(
     single = 0.0 if without is None else _more_open(best, without)
     best = final or corrected(best)
     curved, sized = curvature(best), 0.0 if imaged is None else away(best, imaged)
+    more = single + curved + np.outer(sized, sized) + of_one_table(best)
     best, cov = _of_root(best, bends)
-    cov[: len(curved), : len(curved)] += single
-    cov[: len(curved), : len(curved)] += curved
-    cov[: len(curved), : len(curved)] += np.outer(sized, sized)
+    cov[: len(curved), : len(curved)] += more
     if near:
         cov *= 1.0 - sum(weight for weight, _ in near)
     for weight, other in near:
@@ -75,6 +75,33 @@ def answer(
         cov += np.outer(way, way)
         cov[:6, :6] += beside.unit_cov[:6, :6]
     return best, cov
+
+
+def of_one_table(best: Solution) -> Array:
+    """(P, P) what the cameras of a rig add to the covariance of the unknowns because they see the same markers.
+
+    A marker that is not where the table says is so in all pictures. The normal equations take its residuals in C
+    cameras for independent, as if the errors of the table became less the more cameras look. With the same weights W,
+    the covariance is C (J'W V W J) C for the V that has what the cameras share: J'WJ, and between two of them
+    J'W G S G'W J for the derivative G of a marker's image by its place and the covariance S of that. What the residuals
+    have beyond all sigmas is taken for errors of the table, too.
+    """
+    sights, state, cov = best.views.sights, best.state, best.unit_cov
+    if len(best.seeing) < 2 or not (sights.sigma.any() or best.excess_px.any()):
+        return np.zeros_like(cov)
+    xy, by = room_for(state)
+    together, alone = np.zeros((len(sights.xyz), len(cov), 3)), np.zeros_like(cov)
+    for c in best.seeing:
+        see(sights, state, c, state.match[c] >= 0, xy, by)
+        seen = np.flatnonzero((state.match[c] >= 0) & np.isfinite(xy[:, 0]))
+        slopes, by_place, (xx, xy_, yy) = by[seen, :, :-3], by[seen, :, -3:], state.spread[c, seen].T
+        weight = np.linalg.inv(np.stack([xx, xy_, xy_, yy], axis=1).reshape(-1, 2, 2))
+        excess = 2 * best.excess_px[c] ** 2 / (by_place**2).sum(axis=(1, 2))
+        off = np.sqrt(sights.sigma[seen] ** 2 + excess[:, None])
+        pull = slopes.transpose(0, 2, 1) @ weight @ (by_place * off[:, None])
+        together[seen] += pull
+        alone += np.einsum("mpi,mqi->pq", pull, pull)
+    return np.asarray(cov @ (np.einsum("mpi,mqi->pq", together, together) - alone) @ cov)
 
 
 def _more_open(best: Solution, without: Solution) -> Array:

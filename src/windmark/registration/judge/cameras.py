@@ -21,11 +21,14 @@ from windmark.registration.cached import cached_property
 from windmark.registration.judge.doubts import EXCHANGED, OtherCamera, fits_slightly
 from windmark.registration.judge.first_order import FirstOrder
 from windmark.registration.judge.own import is_loose
+from windmark.registration.judge.rig_lengths import Lengths, other_lengths, sees_more
 from windmark.registration.judge.source import CONFIRMED
 from windmark.registration.result import Unchecked
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.state import EXPECTED
+from windmark.registration.settle._kernels.state import PLACE as ROW_OF_PLACE
+from windmark.registration.settle._kernels.state import WIDE as ROW_OF_WIDE
 from windmark.registration.settle.settling import copied, settle, settle_state, with_freedom
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views, doubted_camera, doubted_place
@@ -45,6 +48,10 @@ SLIGHT = np.array([1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3])
 """1 sigma of places that may be slightly off: radians, and parts of the distance."""
 TOUCHED = 1e-3
 """Degrees, and percent of its distance, from which on a camera's motion is worth a word."""
+CALIBRATED = 1e-4
+"""By which a place may be off that was calibrated: radians, and part of the camera's distance."""
+MATTERS = 3.0
+"""Sigmas of the pose from which on that is worth a word."""
 PLACE = "place in the rig"
 
 
@@ -107,6 +114,11 @@ class Places:
         """(C,) of the model from the cameras, in its sizes."""
         return np.asarray(np.linalg.norm(self.best.state.translations, axis=1))
 
+    @property
+    def _given_places(self) -> list[tuple[Array, float]]:
+        """Of each camera its place in the rig, in sizes of the model, and its distance from the model."""
+        return list(zip(self.best.views.sights.translation, self._distances.tolist(), strict=True))
+
     def _opened(self, sigma: float) -> Views:
         """The views with the places of all cameras known to so many radians and parts of their distance."""
         return self.best.views.opened([doubted_place(sigma, sigma * d) for d in self._distances])
@@ -127,9 +139,12 @@ class Places:
             if (other := self._elsewhere([self.best, *solutions], seen[c], c)) is not None
             and other.solution.evidence > self.best.evidence + self.margin
         ]  # fmt: skip
-        if not found:
+        lengths = self._lengths(seen)
+        if not found and lengths is None:
             return None
-        most = max(e.solution.evidence for e in found)
+        most = max((e.solution.evidence for e in found), default=-np.inf)
+        if lengths is not None and lengths.evidence > most - self.margin:
+            return OtherCamera(PLACE, lengths.words, lengths.solution, fits_slightly(self.best))
         exchanged = [of for pair in combinations(range(len(seen)), 2) if (of := self._exchanged(seen, *pair))]
         if exchanged:
             words, solution = max(exchanged, key=lambda of: of[1].evidence)
@@ -140,6 +155,16 @@ class Places:
         shown = all(e.base.scores[e.c] > CONFIRMED for e in found)
         best = max(found, key=lambda e: e.solution.evidence)
         return OtherCamera(best.what, _named(found), best.solution, shown and fits_slightly(self.best))
+
+    def _lengths(self, seen: Sequence[Candidate | None]) -> Lengths | None:
+        """Other lengths of the rig, if with them the spots are explained better by the margin."""
+        by_all = np.concatenate([np.r_[np.zeros(3), t / d] for t, d in self._given_places])
+        step, told = self._first.along(by_all)
+        promised = self._is_loose or 0.5 * (told * step**2 - np.log1p(told)) > rules.DOUBT
+        if not promised and not sees_more(self.best, seen):
+            return None
+        found = other_lengths(self.best, seen)
+        return found if found is not None and found.evidence > self.best.evidence + self.margin else None
 
     def _elsewhere(self, solutions: Sequence[Solution], seen: Candidate | None, c: int) -> Elsewhere | None:
         """What explains most in the other cameras, with camera c where the labels that are best for it put it."""
@@ -192,25 +217,25 @@ class Places:
         )
         return words, solution
 
-    def slightly_off(self) -> tuple[Solution, Unchecked] | None:
-        """A solution with places that are as uncertain as the residuals say, and what that is; None if they fit."""
+    def slightly_off(self) -> tuple[Solution | None, list[Unchecked]]:
+        """A solution with places that are as uncertain as the residuals say, and what that is; where they fit none, and
+        what places would do that are not exact though they fit.
+        """
         if not self._is_loose and self._first.gains(SLIGHT).max() < rules.DOUBT:
-            return None
+            return None, self._pulling()
         found = [
             (other.evidence, float(sigma), other) for sigma in SLIGHT
             if (other := with_freedom(self._opened(sigma), self.best)) is not None
         ]  # fmt: skip
-        if not found:
-            return None
-        evidence, sigma, beside = max(found, key=lambda f: f[0])
+        evidence, sigma, beside = max(found, key=lambda f: f[0], default=(-np.inf, 0.0, self.best))
         if evidence < self.best.evidence + rules.DOUBT:
-            return None
+            return None, self._pulling()
         most = self.best.views.names[int((beside.state.nuisance[:, -6:] ** 2).sum(axis=1).argmax())]
         words = (
             f"the cameras seem to be off their places by {g2(np.degrees(sigma))} degrees and {g2(100 * sigma)} % of "
             f"their distance (1 sigma), this one most; the sigma of the pose has what that would change"
         )
-        return beside, Unchecked(PLACE, words, most)
+        return beside, [Unchecked(PLACE, words, most)]
 
     def unchecked(self) -> list[Unchecked]:
         """Cameras of which these pictures would not show that they are elsewhere."""
@@ -221,6 +246,27 @@ class Places:
                 words = f"whether it is where cam_from_rig says ({self.best.counts[c]} of its spots are markers)"
                 found.append(Unchecked(PLACE, words, views.names[c]))
         return found
+
+    def _pulling(self) -> list[Unchecked]:
+        """What an exact place does that is off by as much as calibrated ones are: of the camera where it does most."""
+        most, which, told, views = MATTERS, -1, "", self.best.views
+        exact = [c for c in self.best.seeing if not views.loose[c, ROW_OF_PLACE:ROW_OF_WIDE].any()]
+        for c in exact if len(exact) > 1 else ():  # a single one has the rig's frame
+            given = views.cam_from_rig[c]
+            if given.angle_to(Pose.identity()) == 0 and not given.translation.any():
+                continue  # that frame is its own
+            for first, motion in ((6 * c, "turned by {} degrees"), (6 * c + 3, "moved by {} % of its distance")):
+                effect, amount = self._first.pull(first, first + 3, CALIBRATED, rules.DOUBT)
+                if effect > most:
+                    size = np.degrees(amount) if first == 6 * c else 100 * amount
+                    most, which, told = effect, c, motion.format(g2(size))
+        if which < 0:
+            return []
+        words = (
+            f"a place that is taken as exact: {told} it would go unnoticed here, and the pose be off by up to "
+            f"{g2(most)} of its sigmas (rig_cov has what is known of it)"
+        )
+        return [Unchecked(PLACE, words, views.names[which])]
 
 
 def _named(displaced: Sequence[Elsewhere]) -> str:

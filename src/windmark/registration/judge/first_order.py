@@ -93,3 +93,27 @@ class FirstOrder:
     def shown(self, k: int, margin: float) -> float:
         """How large (in prior sigmas) one of them must be to lead by a margin (nats)."""
         return shown(self._told[k], margin)
+
+    def pull(self, first: int, last: int, most: float, margin: float) -> tuple[float, float]:
+        """What those from ``first`` to ``last`` do to the pose while they gain less than a margin (nats).
+
+        They are taken as known to ``most``: of d with d'd / most^2 + d'Td / (2 margin) = 1, where T is what the spots
+        tell of them, that one which moves the pose most (external reliability: Baarda 1968).
+
+        Returns
+        -------
+        The change of the pose in units of its sigma, and the size of d.
+        """
+        rest = np.setdiff1d(np.arange(len(self.normal)), self.asked)
+        own = self.normal[np.ix_(rest, rest)] + np.diag(np.r_[np.zeros(6), np.ones(len(rest) - 6)])
+        moved = -np.linalg.solve(own, self.normal[np.ix_(rest, self.asked[first:last])])[:6]
+        known = np.linalg.inv(np.linalg.inv(own)[:6, :6])
+        told = self._reduced[0][first:last, first:last]
+        unseen = np.linalg.inv(np.linalg.cholesky(told / (2 * margin) + np.eye(last - first) / most**2))
+        effect2, along = np.linalg.eigh(unseen @ moved.T @ known @ moved @ unseen.T)
+        return float(np.sqrt(max(effect2[-1], 0.0))), float(np.linalg.norm(unseen.T @ along[:, -1]))
+
+    def along(self, direction: Array) -> tuple[float, float]:
+        """How far all of them want to go together in one direction (M,), without a prior, and what is told of that."""
+        told = float(direction @ self._reduced[0] @ direction)
+        return (float(direction @ self._reduced[1]) / told, told) if told > 0 else (0.0, 0.0)

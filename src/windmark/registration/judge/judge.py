@@ -227,9 +227,9 @@ class Judge:
                 words_ = f"{other.words}; the sigma of the pose has what that would change"
             beside = other.solution
             unchecked.append(Unchecked(other.what, words_))
-        elif len(self._views.planes) > 1 and (slight := self._places(best).slightly_off()) is not None:
-            beside = slight[0]
-            unchecked.append(slight[1])
+        elif len(self._views.planes) > 1:
+            beside, said = self._places(best).slightly_off()
+            unchecked.extend(said)
         if loose := doubts.loose_focal(self._limits.focal_sigma):
             return Verdict(best, verdict.runner_up, "focal", loose)
         if (mirror := self._once(mirror_of, self._views, best, MIRRORS)) is not None:
