@@ -1,5 +1,6 @@
 """Other explanations of the residuals: another camera, a bent model; and what a picture cannot tell."""
 
+import re
 from dataclasses import replace
 
 import bent_scenes
@@ -133,9 +134,31 @@ def test_unchecked_is_what_the_picture_would_not_show():
     near = settling.wide_scene(75, noise_px=0.02)
     told = register(near.detections, near.markers, near.camera, max_time_s=30.0)
     assert told, told.reason
+    assert [u.what for u in told.unchecked] == ["camera", "scale"]
+    assert "is taken as exact: its principal point off by 0.14 px" in told.unchecked[0].words
+    known = np.diag([0.05, 1e-5, 0.05, 0.05, 1e-5] + [0.0] * 10) ** 2
+    told = register(near.detections, near.markers, replace(near.camera, cov=known), max_time_s=30.0)
     assert [u.what for u in told.unchecked] == ["scale"]
     free = register(far.detections, far.markers, far.camera, free_focal=True, max_focal_sigma=1.0, max_time_s=30.0)
     assert not free or "focal length" not in [u.what for u in free.unchecked]
+
+
+def test_what_an_exact_camera_would_do_is_what_it_does():
+    """Principal points off all round: those that neither are farther off than calibrated ones nor cost three nats."""
+    near = settling.wide_scene(75, noise_px=0.02)
+    right = register(near.detections, near.markers, near.camera)
+    words = next(u.words for u in right.unchecked if u.what == "camera")
+    sigmas, most = float(re.findall(r"([0-9.]+) of its sigmas", words)[0]), 2e-4 * np.hypot(*near.camera.size_px)
+    moved = []
+    for angle in np.linspace(0, np.pi, 17)[:-1]:
+        both = []
+        for size in (0.05, -0.05):
+            off = {"cx": near.camera.cx + size * np.cos(angle), "cy": near.camera.cy + size * np.sin(angle)}
+            both.append(register(near.detections, near.markers, replace(near.camera, **off)))
+        delta = (both[0].cam_from_model @ right.cam_from_model.inverse()).log()
+        cost = np.mean([other.report.final_cost for other in both]) - right.report.final_cost
+        moved.append(np.sqrt(delta @ np.linalg.solve(right.cov, delta) / (0.05**2 / most**2 + cost / 3)))
+    assert max(moved) == pytest.approx(sigmas, rel=0.1)
 
 
 # --- bent models -----------------------------------------------------------------------------------

@@ -72,7 +72,7 @@ class Unchecked:
     Parameters
     ----------
     what : "focal length", "principal point", "aspect", "lens", "place in the rig", "scale", "mirror", "shift",
-        "copy", "pair", "bending", "radii" or "twice"
+        "copy", "pair", "bending", "radii", "twice", or "camera", one that is taken as exact
     words : why, and how large an error this picture would show
     camera : number of the camera, of a rig
     """

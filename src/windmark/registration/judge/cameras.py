@@ -19,6 +19,7 @@ from windmark.geometry import Pose
 from windmark.registration import rules
 from windmark.registration.cached import cached_property
 from windmark.registration.judge.doubts import EXCHANGED, OtherCamera, fits_slightly
+from windmark.registration.judge.exact import of_places
 from windmark.registration.judge.first_order import FirstOrder
 from windmark.registration.judge.own import is_loose
 from windmark.registration.judge.rig_lengths import Lengths, other_lengths, sees_more
@@ -27,9 +28,7 @@ from windmark.registration.result import Unchecked
 from windmark.registration.search.pool import Candidate
 from windmark.registration.settle._kernels.doubt import doubt_kernel
 from windmark.registration.settle._kernels.state import EXPECTED
-from windmark.registration.settle._kernels.state import PLACE as ROW_OF_PLACE
-from windmark.registration.settle._kernels.state import WIDE as ROW_OF_WIDE
-from windmark.registration.settle.settling import copied, settle, settle_state, with_freedom
+from windmark.registration.settle.settling import accepted, copied, settle, settle_state, with_freedom
 from windmark.registration.settle.solution import Solution
 from windmark.registration.settle.views import Views, doubted_camera, doubted_place
 from windmark.registration.task import MIN_COUNT
@@ -48,10 +47,6 @@ SLIGHT = np.array([1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3])
 """1 sigma of places that may be slightly off: radians, and parts of the distance."""
 TOUCHED = 1e-3
 """Degrees, and percent of its distance, from which on a camera's motion is worth a word."""
-CALIBRATED = 1e-4
-"""By which a place may be off that was calibrated: radians, and part of the camera's distance."""
-MATTERS = 3.0
-"""Sigmas of the pose from which on that is worth a word."""
 PLACE = "place in the rig"
 
 
@@ -222,20 +217,25 @@ class Places:
         what places would do that are not exact though they fit.
         """
         if not self._is_loose and self._first.gains(SLIGHT).max() < rules.DOUBT:
-            return None, self._pulling()
+            return None, self._exact()
         found = [
             (other.evidence, float(sigma), other) for sigma in SLIGHT
             if (other := with_freedom(self._opened(sigma), self.best)) is not None
         ]  # fmt: skip
         evidence, sigma, beside = max(found, key=lambda f: f[0], default=(-np.inf, 0.0, self.best))
         if evidence < self.best.evidence + rules.DOUBT:
-            return None, self._pulling()
+            return None, self._exact()
         most = self.best.views.names[int((beside.state.nuisance[:, -6:] ** 2).sum(axis=1).argmax())]
         words = (
             f"the cameras seem to be off their places by {g2(np.degrees(sigma))} degrees and {g2(100 * sigma)} % of "
             f"their distance (1 sigma), this one most; the sigma of the pose has what that would change"
         )
         return beside, [Unchecked(PLACE, words, most)]
+
+    def _exact(self) -> list[Unchecked]:
+        """What is to be said of places that are taken as exact."""
+        best = accepted(self.best)
+        return of_places(best, Places(best, self.margin)._first, PLACE)
 
     def unchecked(self) -> list[Unchecked]:
         """Cameras of which these pictures would not show that they are elsewhere."""
@@ -246,27 +246,6 @@ class Places:
                 words = f"whether it is where cam_from_rig says ({self.best.counts[c]} of its spots are markers)"
                 found.append(Unchecked(PLACE, words, views.names[c]))
         return found
-
-    def _pulling(self) -> list[Unchecked]:
-        """What an exact place does that is off by as much as calibrated ones are: of the camera where it does most."""
-        most, which, told, views = MATTERS, -1, "", self.best.views
-        exact = [c for c in self.best.seeing if not views.loose[c, ROW_OF_PLACE:ROW_OF_WIDE].any()]
-        for c in exact if len(exact) > 1 else ():  # a single one has the rig's frame
-            given = views.cam_from_rig[c]
-            if given.angle_to(Pose.identity()) == 0 and not given.translation.any():
-                continue  # that frame is its own
-            for first, motion in ((6 * c, "turned by {} degrees"), (6 * c + 3, "moved by {} % of its distance")):
-                effect, amount = self._first.pull(first, first + 3, CALIBRATED, rules.DOUBT)
-                if effect > most:
-                    size = np.degrees(amount) if first == 6 * c else 100 * amount
-                    most, which, told = effect, c, motion.format(g2(size))
-        if which < 0:
-            return []
-        words = (
-            f"a place that is taken as exact: {told} it would go unnoticed here, and the pose be off by up to "
-            f"{g2(most)} of its sigmas (rig_cov has what is known of it)"
-        )
-        return [Unchecked(PLACE, words, views.names[which])]
 
 
 def _named(displaced: Sequence[Elsewhere]) -> str:

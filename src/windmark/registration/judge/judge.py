@@ -18,7 +18,8 @@ from windmark.registration.budget import Budget
 from windmark.registration.judge import one_pair, own, words
 from windmark.registration.judge.bending import Bender
 from windmark.registration.judge.cameras import Places, blocked
-from windmark.registration.judge.doubts import Doubts, OtherCamera
+from windmark.registration.judge.doubts import PARTS, UNITS, Doubts, OtherCamera
+from windmark.registration.judge.exact import of_cameras
 from windmark.registration.judge.mirror import mirror_of
 from windmark.registration.judge.repaired import Repaired
 from windmark.registration.judge.source import Source, distinct
@@ -240,6 +241,7 @@ class Judge:
                 return Verdict(best, second, "mirrored", words.mirrored(best, mirror, lead))
             if lead < self._limits.margin:
                 unchecked.append(Unchecked("mirror", words.MIRROR_UNSEEN))
+        unchecked.extend(of_cameras(best, PARTS, UNITS) if beside is None else [])
         unchecked.extend([] if best.is_bent else unchecked_bend(doubts.look))
         unchecked.extend([Unchecked("scale", words.SCALE_UNSEEN)] if len(self._views.planes) == 1 else [])
         unchecked.extend(unchecked_shift(best, own.shift_of(best, self._source.solutions(), self._limits)))
