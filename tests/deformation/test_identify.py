@@ -263,8 +263,13 @@ def test_what_is_not_determined_is_named():
 
 def test_a_start_behind_the_camera():
     away = Pose.from_rotvec([np.pi, 0, 0], [0, 0, 0]) @ VIEWS[0].cam_from_model
-    found = identify(observed(seen()), MARKERS, PARTS, CAMERAS, [replace(VIEWS[0], cam_from_model=away), VIEWS[1]])
+    spots = observed(seen())
+    found = identify(spots, MARKERS, PARTS, CAMERAS, [replace(VIEWS[0], cam_from_model=away), VIEWS[1]])
     assert found.cause == "behind"
+    first, *_, last = spots.point[spots.view == 0]
+    assert f"{MARKERS.name[first]} in {VIEWS[0].name}" in found.reason
+    assert f"and {(spots.view == 0).sum() - 5} more" in found.reason
+    assert MARKERS.name[last] not in found.reason
 
 
 def test_priors_stand_in_for_what_is_not_seen():

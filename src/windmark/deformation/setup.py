@@ -141,6 +141,15 @@ class Task:
         """(P, 3) where the markers are now."""
         return in_tunnel(self.placed.place(values[LAW]), self.wall, values[MOTION])
 
+    def without_image(self, values: Mapping[str, Any]) -> list[str]:
+        """Which marks ("marker in view") have markers behind their camera, or beyond its lens."""
+        place, out = self.tunnel_place(values), []
+        for v, view in enumerate(self.views):
+            rows = self.observations.point[self.observations.view == v]
+            seen = values[camera_block(view.camera)].project(values[pose_block(view.name)].apply(place[rows]))[1]
+            out += [f"{name} in {view.name}" for name in self.markers.name[rows[~seen]]]
+        return out
+
     def eccentricity(self, values: Mapping[str, Any]) -> Array:
         """(O, 2) centre of the imaged ellipse less the image of the disc's centre; 0 where a disc is not known."""
         out = np.zeros((len(self.observations), 2))

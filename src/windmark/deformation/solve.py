@@ -27,6 +27,8 @@ FINE = SolveOptions(max_iterations=40, gradient_tol=1e-2, cost_tol=1e-9, initial
 FAR_LOSS = Loss.make("cauchy", 4.0)
 MOST_OUT = 0.4
 """More outliers than this part, and the answer is that nothing fits."""
+NAMED = 5
+"""Marks without an image that are named at most."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,12 @@ def solve(task: Task, values: dict[str, Any], shift: Array, reject: bool, near: 
     if sighting(problem).raw_jacobian(values) is None:
         if words := end_words(task.placed):
             return NotIdentified(f"{NO_PLACE}: {words}", "law")
-        return NotIdentified("the start puts markers behind a camera or beyond its lens", "behind")
+        gone = task.without_image(values)
+        more = f" and {len(gone) - NAMED} more" if len(gone) > NAMED else ""
+        return NotIdentified(
+            f"the start puts markers behind a camera or beyond its lens: {', '.join(gone[:NAMED])}{more} (wrong labels, "
+            "or a start that is too far away)", "behind",
+        )  # fmt: skip
     if not near:
         values, _, _ = minimise(problem, values, ROUGH)
         problem, shift = _renewed(task, values, used)
