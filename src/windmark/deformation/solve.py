@@ -122,8 +122,8 @@ def solve(task: Task, values: dict[str, Any], shift: Array, reject: bool, near: 
         gone = task.without_image(values)
         more = f" and {len(gone) - NAMED} more" if len(gone) > NAMED else ""
         return NotIdentified(
-            f"the start puts markers behind a camera or beyond its lens: {', '.join(gone[:NAMED])}{more} (wrong labels, "
-            "or a start that is too far away)", "behind",
+            f"the start puts markers behind a camera or beyond its lens: {', '.join(gone[:NAMED])}{more} (wrong "
+            "labels, or a start that is too far away)", "behind",
         )  # fmt: skip
     if not near:
         values, _, _ = minimise(problem, values, ROUGH)
