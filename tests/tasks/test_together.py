@@ -117,7 +117,8 @@ def test_a_camera_without_spots_has_its_place_from_the_others_and_nothing_checks
     assert np.isnan(one.rms_px)
     assert one.unchecked[0].what == "place in the rig"
     for name in ("right", "top"):
-        assert all(u.what != "place in the rig" for u in done.of(name).unchecked)
+        said = [u.words for u in done.of(name).unchecked if u.what == "place in the rig"]
+        assert all("taken as exact" in words for words in said)
 
 
 def test_nothing_anywhere_is_refused():
