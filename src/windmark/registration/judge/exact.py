@@ -53,7 +53,7 @@ def of_cameras(best: Solution, parts: dict[str, tuple[int, ...]], units: dict[st
                     much = f"{g2(amount * float(np.hypot(*task.camera.size_px)))} px"
                 words = (
                     f"the camera is taken as exact: its {what} off by {much} would go unnoticed here, and the pose be "
-                    f"off by up to {g2(effect)} of its sigmas (Camera.cov has what is known of it)"
+                    f"off by up to {g2(effect)} of its sigmas; with its covariance they have that (windmark calibrate)"
                 )
                 said = [Unchecked("camera", words, best.views.names[c])]
     return said
@@ -77,7 +77,7 @@ def of_places(best: Solution, first: FirstOrder, what: str) -> list[Unchecked]:
                 told = motion.format(g2(np.degrees(amount) if at == 6 * c else 100 * amount))
                 words = (
                     f"a place that is taken as exact: {told} it would go unnoticed here, and the pose be off by up to "
-                    f"{g2(effect)} of its sigmas (rig_cov has what is known of it)"
+                    f"{g2(effect)} of its sigmas; with its covariance they have that (rig_cov)"
                 )
                 said = [Unchecked(what, words, views.names[c])]
     return said
