@@ -330,6 +330,26 @@ def test_a_camera_in_the_middle_of_markers_all_round(seed):
         assert error @ np.linalg.solve(result.cov, error) < 27  # 1e-4 by chance
 
 
+@pytest.mark.parametrize("seed", [0, 3, 4, 8])
+def test_a_spot_at_ninety_degrees_from_the_axis_of_a_fisheye_does_not_hide_the_others(seed):
+    """It is 10^5 px off in the plane in which is searched; the cells of that became as wide as the model."""
+    rng = np.random.default_rng(seed)
+    xyz, wall = rng.uniform(-1, 1, (120, 3)), rng.integers(0, 3, 120)
+    xyz[np.arange(120), wall] = np.sign(xyz[np.arange(120), wall])
+    camera = wm.Camera((1200, 900), 300.0, lens="fisheye")
+    eye = rng.uniform(-0.6, 0.6, 3)
+    pose = wm.Pose.look_at(eye, eye + rng.normal(size=3), rng.normal(size=3))
+    near = pose.inverse().apply(camera.directions(np.array([599.5 + 300 * np.radians(89.97), 449.5])))
+    table = MarkerSet.make([f"w{i}" for i in range(121)], np.concatenate([xyz * [2.0, 1.5, 1.5], near[None]]))
+    xy, valid = camera.project(pose.apply(table.xyz))
+    seen = np.flatnonzero(valid & camera.in_image(xy))
+    assert 120 in seen
+    result = register(Detections.make(xy[seen] + rng.normal(0, 0.1, (len(seen), 2)), sigma_px=0.1), table, camera)
+    assert result, result.reason
+    assert (seen[result.matching.detection] == result.matching.marker).all()
+    assert result.cam_from_model.angle_to(pose) < 1e-3
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_one_label_on_a_regular_board_does_not_tell_its_quarter_turns_apart(seed):
     spots, board, camera, labels, _ = part_of_a_board(seed, 1)

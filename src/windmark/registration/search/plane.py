@@ -35,6 +35,8 @@ FOCAL_SLACK = 1.3
 """How far beyond the starting values a growing solution may take the focal length."""
 _FINEST, _COARSEST = 1024, 128
 """Raster cells along the longer side at most and at least; between them a cell is as wide as the tolerance."""
+_WIDEST = 0.5
+"""Side of a cell at most, in reaches, where the plane is as wide as a lens makes it."""
 _ALONG = np.linspace(0.0, 1.0, 33)
 _BORDER = np.concatenate(
     [np.stack(np.broadcast_arrays(x, y), axis=-1) for x, y in ((_ALONG, 0), (_ALONG, 1), (0, _ALONG), (1, _ALONG))]
@@ -87,6 +89,10 @@ class Plane:
     def _picture(self, p: Array, neighbours: int) -> Picture:
         """With a raster that knows the nearest spot up to three times the tolerance away."""
         (low, high), reach = self._bounds, 3 * self.task.tolerance_px
+        # A spot at nearly 90 degrees from the axis of a wide lens is anywhere in the plane: one of them must not make
+        # all cells as large as a neighbourhood. What is left out here is labelled once the pose is known.
+        most = np.maximum(0.5 * _FINEST * _WIDEST * reach, 1.5 * self.size)
+        low, high = np.maximum(low, -most), np.minimum(high, most)
         longest = float((high - low).max())
         cell = min(max(0.25 * reach, longest / _FINEST), longest / _COARSEST)
         columns, rows = np.maximum(1, np.ceil((high - low) / cell).astype(int)).tolist()
